@@ -8,6 +8,11 @@ from typing import NamedTuple
 LIKELY = 0.5  # from this probability on something is what it may be
 
 
+def compass_deg(azimuth: float, digits: int = 9) -> float:
+    """An azimuth (rad) in degrees from 0 on and below 360, rounded: due north is 0.0, and not 360.0."""
+    return round(math.degrees(azimuth) % 360.0, digits) % 360.0
+
+
 class BearingTrack(NamedTuple):
     """A target of which a single rig knows the direction, and no distance.
 
@@ -23,7 +28,6 @@ class BearingTrack(NamedTuple):
         north: whether the azimuth counts from true north.
         front_back: probability 0.5..1 that the direction is in the correct hemisphere, front or back.
         resolved: front and back are resolved.
-        selected: the rig follows this target.
     """
 
     id: int
@@ -39,7 +43,6 @@ class BearingTrack(NamedTuple):
     resolved: bool = True
     drone_probability: float = math.nan
     class_id: str = ''
-    selected: bool = False
 
 
 class PositionTrack(NamedTuple):

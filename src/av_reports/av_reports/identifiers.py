@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import secrets
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 ALPHABET = '0123456789ABCDEFGHJKMNPQRSTVWXYZ'  # Crockford's base 32
 ULID = re.compile(f'[0-7][{ALPHABET}]{{25}}')
 RANDOM_BYTES = 10
 FORGET_S = 60.0  # after this time without its track an object is another one
-NAMESPACE = uuid.UUID('d1f3b7a4-2a0c-5b0e-9f39-6a3c2f6f2b11')  # of the nodes of this suite
 
 
 def new_ulid(time: float, random: Callable[[int], bytes] = secrets.token_bytes) -> str:
@@ -31,17 +33,39 @@ def is_ulid(text: str) -> bool:
     return ULID.fullmatch(text.upper()) is not None
 
 
-def is_uuid(text: str) -> bool:
-    """Whether a text is a UUID in its usual form with four hyphens."""
+def is_uuid(text: str, version: int | None = None) -> bool:
+    """Whether a text is a UUID in its usual form with four hyphens.
+
+    Parameters:
+        text: the text.
+        version: that it must have; None for any.
+    """
     try:
-        return str(uuid.UUID(text)) == text.lower()
+        found = uuid.UUID(text)
     except ValueError:
         return False
+    return str(found) == text.lower() and version in (None, found.version)
 
 
-def node_uuid(*names: str) -> str:
-    """The UUID of a node, always the same for the same names, such as those of host and node."""
-    return str(uuid.uuid5(NAMESPACE, '/'.join(names)))
+def kept_uuid(file: Path) -> str:
+    """The random UUID (version 4) in a file, which is written at first.
+
+    Parameters:
+        file: where it is.
+
+    Raises OSError where it cannot be written or read, ValueError for a file with anything else.
+    """
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        own = file.with_name(f'{file.name}.{uuid.uuid4()}')
+        own.write_text(f'{uuid.uuid4()}\n')
+        with suppress(FileExistsError):  # another process was faster: its UUID counts
+            os.link(own, file)
+        own.unlink()
+    text = file.read_text().strip()
+    if not is_uuid(text, 4):
+        raise ValueError(f'{file} has {text!r:.50}, expected a UUID of version 4: delete the file for a new one')
+    return text.lower()
 
 
 class ObjectIds:

@@ -43,7 +43,7 @@ def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_u
             azimuth_sigma=min(math.sqrt(variance) / steepness, math.pi), elevation=elevation if known else math.nan,
             elevation_sigma=math.sqrt(elevation_variance) if known else math.nan, north=north,
             front_back=track.hemisphere_probability, resolved=track.resolved, drone_probability=track.drone_probability,
-            class_id=track.class_id, selected=track.id == message.selected)
+            class_id=track.class_id)
 
 
 def _azimuth(track: Track, heading: float | None, north: bool) -> float:

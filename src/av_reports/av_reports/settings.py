@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-import socket
+import os
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from av_reports.contacts import Place, Selection
 from av_reports.cot.connection import CotAddress, check_address
 from av_reports.cot.settings import CotSettings
-from av_reports.identifiers import is_uuid, node_uuid
+from av_reports.identifiers import is_uuid, kept_uuid
 from av_reports.peer import parse_peer
 from av_reports.sapient.settings import SapientSettings
 from av_reports.stage import ReportSettings
@@ -30,18 +31,30 @@ def report_settings(values: Any) -> ReportSettings:
     return ReportSettings(Selection(only_drones=values.only_drones), values.positions, values.north, place, heading)
 
 
+def node_uuid(name: str) -> str:
+    """The UUID of a node, which is drawn once and kept in ROS_HOME (~/.ros).
+
+    Parameters:
+        name: full name of the ROS node.
+
+    Raises OSError and ValueError, see `kept_uuid`.
+    """
+    folder = Path(os.environ.get('ROS_HOME') or Path.home() / '.ros')
+    return kept_uuid(folder / 'av_reports' / f'{name.strip("/").replace("/", ".") or "report_node"}.uuid')
+
+
 def sapient_settings(values: Any, name: str) -> SapientSettings:
-    """What the node of SAPIENT is. Raises ValueError for a node_id that is no UUID.
+    """What the node of SAPIENT is.
 
     Parameters:
         values: the parameters.
         name: full name of the ROS node.
+
+    Raises OSError and ValueError where it has no node_id and cannot keep one.
     """
     given = values.sapient
-    if given.node_id and not is_uuid(given.node_id):
-        raise ValueError(f'sapient.node_id is {given.node_id!r:.80}, expected a UUID, or nothing for one of its own')
     return SapientSettings(
-        given.node_id.lower() or node_uuid(socket.gethostname(), name), positions=values.positions, north=values.north,
+        given.node_id.lower() or node_uuid(name), positions=values.positions, north=values.north,
         obey_tasks=given.obey_tasks, software_version=_version())
 
 
@@ -53,7 +66,7 @@ def cot_settings(values: Any, name: str) -> CotSettings:
         name: full name of the ROS node.
     """
     namespace = name.strip('/').rpartition('/')[0]
-    return CotSettings(values.cot.uid or node_uuid(socket.gethostname(), name), namespace or CotSettings.callsign)
+    return CotSettings(values.cot.uid or node_uuid(name), namespace or CotSettings.callsign)
 
 
 def cot_address(values: Any) -> CotAddress:
@@ -74,7 +87,9 @@ def check_settings(values: Any) -> None:
     """
     if values.sapient.peer:
         parse_peer(values.sapient.peer)
-    sapient_settings(values, '')
+    node_id = values.sapient.node_id
+    if node_id and not is_uuid(node_id, 4):  # the middleware acknowledges no others
+        raise ValueError(f'sapient.node_id is {node_id!r:.80}, expected a UUID of version 4, or nothing for one of its own')
     if values.traffic.enabled and not values.positions:
         raise ValueError('traffic.enabled is true and positions is false: bearings are no positions')
     if values.cot.url:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
-from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
 
 FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',
           'elevation_deg', 'elevation_sigma_deg', 'latitude', 'longitude', 'altitude_m', 'east_sigma_m', 'north_sigma_m',
@@ -26,7 +26,7 @@ def properties(track: Tracked) -> dict[str, Any]:
              'drone_probability': _round(track.drone_probability, 4),
              'measured': _iso(track.measured) if track.measured else ''}
     if isinstance(track, BearingTrack):
-        known |= {'azimuth_deg': _degrees(track.azimuth), 'azimuth_sigma_deg': _degrees(track.azimuth_sigma),
+        known |= {'azimuth_deg': compass_deg(track.azimuth, 3), 'azimuth_sigma_deg': _degrees(track.azimuth_sigma),
                   'true_north': track.north, 'elevation_deg': _degrees(track.elevation),
                   'elevation_sigma_deg': _degrees(track.elevation_sigma)}
     else:

@@ -74,14 +74,24 @@ def test_the_ellipse_contains_what_a_gaussian_says(angle):
     assert inside == pytest.approx(1.0 - math.exp(-0.5), abs=0.01)
 
 
-def test_the_rig_has_the_sector_of_what_it_follows():
-    event = read(rig_event(PLACE, bearing(), SETTINGS, NOW))
+def test_the_rig_is_where_it_stands():
+    event = read(rig_event(PLACE, SETTINGS, NOW))
     assert (event['uid'], event['type'], event['how'], event['ce']) == ('rig-1', 'a-f-G-E-S', 'h-e', 1.5)
+    idle = read(rig_event(PLACE._replace(sigma=math.nan), SETTINGS, NOW, surveyed=False))
+    assert 'sensor' not in idle['details'] and idle['ce'] == 9999999.0 and idle['how'] == 'm-g'
+
+
+@pytest.mark.parametrize('azimuth', [-1e-17, 0.0, math.radians(359.97), math.tau])
+def test_due_north_is_zero(azimuth):
+    event = read(bearing_event(bearing(azimuth=azimuth), PLACE, 'rig-1.3', SETTINGS, NOW))
+    assert event['details']['sensor'].getAttribute('azimuth') == '0.0'
+
+
+def test_a_bearing_is_a_sector():
+    event = read(bearing_event(bearing(), PLACE, 'rig-1.3', SETTINGS, NOW))
     sensor = values(event['details']['sensor'])
     assert sensor == {'azimuth': 300.0, 'fov': 8.0, 'elevation': 12.0, 'vfov': 16.0, 'range': 400.0, 'roll': 0.0,
                       'displayMagneticReference': 0.0}
-    idle = read(rig_event(PLACE._replace(sigma=math.nan), None, SETTINGS, NOW, surveyed=False))
-    assert 'sensor' not in idle['details'] and idle['ce'] == 9999999.0 and idle['how'] == 'm-g'
 
 
 def test_a_bearing_is_a_sensor_at_the_rig():
@@ -93,17 +103,17 @@ def test_a_bearing_is_a_sensor_at_the_rig():
 
 def test_events_are_due_at_their_interval_under_a_lasting_name():
     stage = CotStage(SETTINGS)
-    tracks = [bearing(3, selected=True), bearing(4), position(5)]
+    tracks = [bearing(3), bearing(4), position(5)]
     first = {event['uid']: event for event in map(read, stage.on_tracks(tracks, PLACE, NOW))}
-    assert len(first) == 3 and 'sensor' in first['rig-1']['details']
+    assert len(first) == 4 and 'sensor' not in first['rig-1']['details']
     assert stage.on_tracks(tracks, PLACE, NOW + 0.5) == []
     again = {event['uid'] for event in map(read, stage.on_tracks(tracks, PLACE, NOW + 1.0))}
-    assert again == set(first)
+    assert again == set(first) - {'rig-1'}
 
 
 def test_without_a_place_or_north_no_bearing_is_shown():
-    assert CotStage(SETTINGS).on_tracks([bearing(3), bearing(4, selected=True)], None, NOW) == []
-    events = [read(event) for event in CotStage(SETTINGS).on_tracks([bearing(3, north=False, selected=True)], PLACE, NOW)]
+    assert CotStage(SETTINGS).on_tracks([bearing(3), bearing(4)], None, NOW) == []
+    events = [read(event) for event in CotStage(SETTINGS).on_tracks([bearing(3, north=False)], PLACE, NOW)]
     assert [event['uid'] for event in events] == ['rig-1'] and 'sensor' not in events[0]['details']
 
 

@@ -25,7 +25,7 @@ def targets(**values):
         'id': 3, 'existence': 0.9, 'drone_probability': 0.8, 'class_id': 'drone', 'azimuth': 0.5, 'azimuth_world': 0.2,
         'elevation_world': math.radians(60.0), 'covariance_world': np.array([4e-4, 0.0, 0.0, 9e-4], np.float32),
         'hemisphere_probability': 0.95, 'resolved': True, 'last_heard': to_stamp(TIME - 0.3), **values})
-    return TrackArray(header=Header(stamp=to_stamp(TIME)), tracks=[track], selected=3)
+    return TrackArray(header=Header(stamp=to_stamp(TIME)), tracks=[track])
 
 
 def test_azimuths_are_clockwise_from_north_from_a_known_heading_or_from_ahead():
@@ -55,7 +55,7 @@ def test_what_is_unknown_is_nan_and_what_is_meaningless_is_left_out():
 
 def test_times_are_utc():
     track, = bearing_tracks(targets(last_seen=to_stamp(TIME - 0.1)), None, True, to_utc=1e9)
-    assert (track.time, track.measured) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1)) and track.selected
+    assert (track.time, track.measured) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1))
 
 
 @pytest.mark.parametrize('values, taken', [

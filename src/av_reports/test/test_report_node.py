@@ -33,8 +33,9 @@ SURVEYED = ('surveyed.enabled:=true', 'surveyed.latitude:=51.5', 'surveyed.longi
 
 
 @pytest.fixture(autouse=True)
-def short_pauses(monkeypatch):
+def short_pauses(monkeypatch, tmp_path):
     without_pauses(monkeypatch)
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'home'))
 
 
 class Rig:
@@ -194,10 +195,10 @@ def test_tak_and_files_get_the_same(tmp_path):
         rig = Rig(f'cot.url:={url}', f'log.folder:={tmp_path}', 'cot.uid:=rig-1', *SURVEYED)
         try:
             events = {}
-            while len(events) < 2 or not events['rig-1'].getElementsByTagName('sensor'):
+            while len(events) < 2 or 'rig-1' not in events:
                 event = xml.dom.minidom.parseString(receiver.recv(4000)).documentElement
                 events[event.getAttribute('uid')] = event
-            sensor, = events['rig-1'].getElementsByTagName('sensor')
+            sensor, = [found for event in events.values() for found in event.getElementsByTagName('sensor')]
             assert float(sensor.getAttribute('azimuth')) == pytest.approx(90.0 - np.degrees(0.3), abs=0.1)
             wait_for(lambda: int(rig.status.get('log written', 0)) >= 2)
         finally:

@@ -110,7 +110,8 @@ def test_the_registration_says_what_is_reported_and_which_tasks_are_taken(positi
     kind = fields(dig(registration, 7, 10, 1))
     assert kind == ({1: [LAT_LNG_DEG_M], 3: [WGS84_ELLIPSOID]} if positions else {2: [DEGREES_M], 4: [TRUE_NORTH]})
     commands = fields(dig(registration, 7, 11)).get(3, [])
-    assert [dig(command, 4) for command in commands] == ([] if not obey else [6] if positions else [6, 9]), 'look at, follow'
+    assert [dig(command, 4) for command in commands] == [1, *([] if not obey else [6] if positions else [6, 9])], (
+        'requests, look at, follow')
     assert len(registration) < 4096
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
@@ -13,12 +14,15 @@ from sapient_peer import FUSION_NODE, NODE, acknowledgement, from_fusion_node, t
 from av_reports.contacts import Place
 from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
 from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
+from av_reports.sapient.registration import registration_message
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, Health, SapientStage
 from av_reports.sapient.tasks import LONGEST_S
 from av_reports.tasking import Follow, LookAt, Stop
 
 PLACE = Place(51.5, -0.12, 30.0)
+NORTH = {'range_bearing': {'azimuth': 0.0, 'elevation': 10.0, 'coordinate_system': 1, 'datum': 1}}
+FIELD = {'type': 1, 'region_id': new_ulid(NOW), 'region_name': 'field', 'region_area': NORTH}
 ACCEPTED, REJECTED, COMPLETED, FAILED = 1, 2, 3, 4
 
 
@@ -96,6 +100,53 @@ def test_reports_have_the_time_of_the_track_a_limited_rate_and_an_end(stage):
     assert kinds(stage.on_tracks([], NOW + 0.7)) == ['detection_report'] and kinds(stage.on_tracks([], NOW + 9.0)) == []
 
 
+@pytest.mark.parametrize('step', [0.2, 0.03, 0.7])
+def test_the_rate_is_the_one_asked_for(stage, step):
+    """Two a second, whatever the rate is at which is looked for what is due, as long as that is not lower."""
+    times = NOW + step * np.arange(1, int(30.0 / step))
+    sent = sum(len(stage.on_tracks([bearing(3), bearing(4)], float(time)).messages) for time in times)
+    assert sent / 2 / 30.0 == pytest.approx(min(2.0, 1.0 / step), rel=0.05)
+
+
+def test_an_error_of_the_fusion_node_is_told_in_its_words(stage):
+    assert not stage.complaint(NOW)
+    error = {'packet': b'123', 'error_message': ['node_id is no UUIDv4', 'no location']}
+    assert not stage.on_message(from_fusion_node(error=error), PLACE, NOW).messages
+    assert stage.complaint(NOW + 5.0) == 'reports an error: node_id is no UUIDv4; no location'
+    assert not stage.complaint(NOW + 31.0) and stage.counts['errors of the fusion node'] == 1
+    stage.on_message(b'rubbish', PLACE, NOW + 40.0)
+    assert 'cannot be read by BSI Flex 335 v2.0' in stage.complaint(NOW + 41.0)
+
+
+@pytest.mark.parametrize('stage', [False, True], indirect=True)
+def test_requests_are_answered_whatever_tasks_are_obeyed(stage):
+    stage.on_time(Health(PLACE), NOW)
+    for wanted, kind in (('Registration', 'registration'), ('status', 'status_report')):
+        answer = stage.on_message(task(command={'request': wanted}), PLACE, NOW)
+        assert kinds(answer) == ['task_ack', kind, 'task_ack'] and answer.command is None
+        assert [status for status, _ in acks(answer)] == [ACCEPTED, COMPLETED] and stage.desk.active is None
+
+
+def test_a_changed_task_is_told_at_once(stage):
+    stage.on_time(Health(PLACE), NOW)
+    command, _ = begin(stage, command={'follow': {'follow_object_id': object_id(stage, 4)}})
+    told, = read(stage.on_time(Health(PLACE), NOW + 0.2))
+    assert told.status_report.active_task_id == stage.desk.active.task_id and command == Follow(4)
+    assert not stage.on_time(Health(PLACE), NOW + 0.4).messages
+    stage.on_message(task(Task.CONTROL_STOP, task_id=stage.desk.active.task_id), PLACE, NOW + 0.5)
+    told, = read(stage.on_time(Health(PLACE), NOW + 0.6))
+    assert not told.status_report.active_task_id and told.status_report.info == StatusReport.INFO_NEW
+
+
+def test_the_region_that_is_offered_is_obeyed(stage):
+    """An area of interest that is a direction: the registration names no other kind."""
+    offered = registration_message(SapientSettings(NODE, obey_tasks=True)).mode_definition[0].task.region_definition
+    assert list(offered.region_type) == [1] and [area.WhichOneof('coordinates_oneof') for area in offered.region_area] == [
+        'range_bearing_units']
+    command, answer = begin(stage, region=[FIELD])
+    assert command == LookAt(0.0, pytest.approx(math.radians(10.0)), True) and acks(answer) == [(ACCEPTED, '')]
+
+
 def test_positions_are_reported_likewise(stage):
     report, = read(SapientStage.on_tracks(stage, [bearing(3), bearing(4), position(9)], NOW + 0.1))
     assert report.detection_report.WhichOneof('location_oneof') == 'location'
@@ -151,7 +202,9 @@ def test_look_at_turns_directions_and_places_into_azimuths_from_north(stage):
     ({'command': {'follow': {'follow_object_id': new_ulid(NOW)}}}, 'is no object that is tracked'),
     ({'command': {'move_to': {'locations': [{'x': 0.0, 'y': 0.0, 'coordinate_system': 1, 'datum': 1}]}}},
      'move_to is not supported'),
-    ({'command': {'request': 'fire'}}, 'request is not supported'),
+    ({'command': {'request': 'fire'}}, "'fire' is not supported, only Registration and Status"),
+    ({'region': [{**FIELD, 'type': 2}]}, 'one area of interest'),
+    ({'region': [FIELD], 'command': {'follow': {'follow_object_id': new_ulid(NOW)}}}, 'one area of interest'),
     ({}, 'without a command is not supported'),
     ({'command': {'look_at': {'range_bearing': {'azimuth': 0.0, 'coordinate_system': 1, 'datum': 2}}}}, 'true north'),
     ({'command': {'look_at': {'range_bearing': {'elevation': 0.0, 'coordinate_system': 1, 'datum': 1}}}}, 'no azimuth'),

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
 from av_reports.cot.settings import CotSettings
 
 UNKNOWN_M = 9999999.0  # by convention of the schema
@@ -35,7 +35,7 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
     _contact(detail, f'{settings.callsign} {track.id}', _words(track))
     east, north, up = track.velocity
     speed = math.hypot(east, north)
-    ET.SubElement(detail, 'track', course=_number(math.degrees(math.atan2(east, north)) % 360.0, 1), speed=_number(speed, 2),
+    ET.SubElement(detail, 'track', course=_number(compass_deg(math.atan2(east, north), 1), 1), speed=_number(speed, 2),
                   slope=_number(math.degrees(math.atan2(up, speed)), 1))
     major, minor, angle = error_ellipse(np.array(track.covariance)[:2, :2])
     ET.SubElement(ET.SubElement(detail, 'shape'), 'ellipse', major=_number(major, 2), minor=_number(minor, 2),
@@ -43,21 +43,18 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
     return _serialised(event)
 
 
-def rig_event(place: Place, track: BearingTrack | None, settings: CotSettings, now: float, surveyed: bool = True) -> bytes:
-    """The event of the rig itself, with the sector of the bearing that it follows.
+def rig_event(place: Place, settings: CotSettings, now: float, surveyed: bool = True) -> bytes:
+    """The event of the rig itself.
 
     Parameters:
         place: where it stands.
-        track: the target that it follows; None for none.
         settings: types and times.
         now (s): UTC since 1970.
         surveyed: whether the place was given by a person, rather than measured.
     """
     event, detail = _event(settings.uid, settings.rig_type, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
                            (now, now, now + settings.rig_stale))
-    _contact(detail, settings.callsign, '' if track is None else _words(track))
-    if track is not None:
-        _sensor(detail, track, settings)
+    _contact(detail, settings.callsign)
     return _serialised(event)
 
 
@@ -105,7 +102,7 @@ def _point(place: Place) -> tuple[float, ...]:
     return place.latitude, place.longitude, place.altitude, error, error
 
 
-def _contact(detail: ET.Element, callsign: str, remarks: str) -> None:
+def _contact(detail: ET.Element, callsign: str, remarks: str = '') -> None:
     ET.SubElement(detail, 'contact', callsign=_text(callsign))
     if remarks:
         ET.SubElement(detail, 'remarks').text = remarks
@@ -113,7 +110,7 @@ def _contact(detail: ET.Element, callsign: str, remarks: str) -> None:
 
 def _sensor(detail: ET.Element, track: BearingTrack, settings: CotSettings) -> None:
     sector = max(math.degrees(2.0 * COVERED_SIGMA * track.azimuth_sigma), NARROWEST_DEG)
-    sensor = ET.SubElement(detail, 'sensor', azimuth=_number(math.degrees(track.azimuth) % 360.0, 1),
+    sensor = ET.SubElement(detail, 'sensor', azimuth=_number(compass_deg(track.azimuth, 1), 1),
                            fov=_number(min(sector, 360.0), 1), range=_number(settings.sensor_range, 0), roll='0.0',
                            displayMagneticReference='0', model=_text(settings.callsign))
     if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):

@@ -10,7 +10,7 @@ from av_reports.cot.encoder import bearing_event, position_event, rig_event
 from av_reports.cot.settings import CotSettings
 from av_reports.identifiers import ObjectIds
 
-RIG_INTERVAL_S = 10.0  # between two events of the rig that follows nothing
+RIG_INTERVAL_S = 10.0  # between two events of the rig
 
 
 class CotStage:
@@ -37,14 +37,13 @@ class CotStage:
             surveyed: whether the place was given by a person, rather than measured.
         """
         events = []
-        followed = next((track for track in tracks if isinstance(track, BearingTrack) and track.selected and track.north), None)
-        if place is not None and now - self._rig_sent >= (self._interval if followed else RIG_INTERVAL_S):
+        if place is not None and now - self._rig_sent >= RIG_INTERVAL_S:
             self._rig_sent = now
-            events.append(rig_event(place, followed, self._settings, now, surveyed))
+            events.append(rig_event(place, self._settings, now, surveyed))
         self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
         for track in tracks:
             uid = f'{self._settings.uid}.{self._objects.ulid(track.id, now)}'
-            if now - self._sent[track.id] < self._interval or track is followed:
+            if now - self._sent[track.id] < self._interval:
                 continue
             if isinstance(track, PositionTrack):
                 events.append(position_event(track, uid, self._settings, now))

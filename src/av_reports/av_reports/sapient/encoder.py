@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from av_common.geodesy import error_degrees
-from av_reports.contacts import LIKELY, BearingTrack, Place, PositionTrack
+from av_reports.contacts import LIKELY, BearingTrack, Place, PositionTrack, compass_deg
 from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import (
     DetectionReport,
@@ -51,7 +51,7 @@ def bearing_report(track: BearingTrack, object_id: str, time: float, lost: bool 
     """
     datum = range_bearing.RANGE_BEARING_DATUM_TRUE if track.north else range_bearing.RANGE_BEARING_DATUM_PLATFORM
     where = RangeBearing(
-        azimuth=math.degrees(track.azimuth) % 360.0, azimuth_error=math.degrees(track.azimuth_sigma), datum=datum,
+        azimuth=compass_deg(track.azimuth), azimuth_error=math.degrees(track.azimuth_sigma), datum=datum,
         coordinate_system=range_bearing.RANGE_BEARING_COORDINATE_SYSTEM_DEGREES_M)
     if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):
         where.elevation, where.elevation_error = math.degrees(track.elevation), math.degrees(track.elevation_sigma)

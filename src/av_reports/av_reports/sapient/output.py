@@ -58,6 +58,9 @@ class SapientOutput:
             return f'{peer} is not connected: {self._link.problem or "no answer yet"}'
         if self._stage.refusal:
             return f'{peer} refuses the registration: {self._stage.refusal}'
+        complaint = self._stage.complaint(self._now)
+        if complaint:
+            return f'{peer} {complaint}'
         return '' if self._stage.accepted else f'{peer} has not acknowledged the registration'
 
     def values(self) -> dict[str, object]:

@@ -8,6 +8,7 @@ from av_reports.sapient.protocol import ICD_VERSION, Registration, location, ran
 from av_reports.sapient.settings import CLASSES, UNKNOWN_CLASS, SapientSettings
 
 MODE = 'default'
+REQUESTS = ('Registration', 'Status')
 MANUFACTURER, MODEL = 'av_rig', 'audio-visual rig'
 COMPLETION_S = 10.0  # time in which a camera looks where it was told to, at the most
 TRACK_INFO = (('front_back_probability', 'probability, 0.5 to 1'), ('drone_probability', 'probability, 0 to 1'),
@@ -40,7 +41,7 @@ def _mode(settings: SapientSettings) -> Any:
         task=Registration.TaskDefinition(
             concurrent_tasks=1, region_definition=Registration.RegionDefinition(
                 region_type=[Registration.REGION_TYPE_AREA_OF_INTEREST], region_area=[_directions(settings)]),
-            command=_commands(settings) if settings.obey_tasks else []))
+            command=_commands(settings)))
 
 
 def _detections(settings: SapientSettings) -> Any:
@@ -73,8 +74,10 @@ def _classes() -> list[Any]:
 
 def _commands(settings: SapientSettings) -> list[Any]:
     """The commands that are obeyed; a network's targets are not those of the tracker that follows one."""
-    kinds = [(Registration.COMMAND_TYPE_LOOK_AT, 'RangeBearing, LocationList of one')]
-    kinds += [] if settings.positions else [(Registration.COMMAND_TYPE_FOLLOW, 'object_id')]
+    kinds = [(Registration.COMMAND_TYPE_REQUEST, ', '.join(REQUESTS))]
+    if settings.obey_tasks:
+        kinds += [(Registration.COMMAND_TYPE_LOOK_AT, 'RangeBearing, LocationList of one')]
+        kinds += [] if settings.positions else [(Registration.COMMAND_TYPE_FOLLOW, 'object_id')]
     return [Registration.Command(type=kind, units=units, completion_time=_seconds(COMPLETION_S)) for kind, units in kinds]
 
 

@@ -9,9 +9,16 @@ from typing import Any, NamedTuple
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack
 from av_reports.identifiers import ObjectIds
-from av_reports.sapient.encoder import LONGEST_REASON, bearing_report, envelope, position_report, status_report
-from av_reports.sapient.protocol import Error
-from av_reports.sapient.registration import registration_message
+from av_reports.sapient.encoder import (
+    LONGEST_REASON,
+    bearing_report,
+    envelope,
+    position_report,
+    status_report,
+    task_ack,
+)
+from av_reports.sapient.protocol import ICD_VERSION, Error, Task, TaskAck
+from av_reports.sapient.registration import REQUESTS, registration_message
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.task_desk import Answer, TaskDesk
 from av_reports.sapient.validation import check, parse
@@ -51,16 +58,19 @@ class _Session:
     Attributes:
         accepted, refusal: see `SapientStage`.
         registered, status_sent (s): when the registration and the newest status report were sent.
-        shown: what the newest status report said; None before the first.
-        reported: by id, each track as it was reported last, and when (s).
+        shown: health and task of the newest status report; None before the first.
+        reported: by id, each track as it was reported last, and from when on (s) it may be reported again.
+        error, error_time (s): what is wrong between both by its newest message about that, and when; empty before the first.
     """
 
     accepted: bool = False
     refusal: str = ''
     registered: float = -math.inf
     status_sent: float = -math.inf
-    shown: Health | None = None
+    shown: tuple[Health, str] | None = None
     reported: dict[int, tuple[Reported, float]] = field(default_factory=dict)
+    error: str = ''
+    error_time: float = -math.inf
 
 
 class SapientStage:
@@ -83,7 +93,8 @@ class SapientStage:
         self.desk = TaskDesk(self._objects, settings.obey_tasks)
         self._tasker = ''  # UUID of the fusion node that sent the newest task
         self._newest_error, self.problem = -math.inf, ''
-        self.counts = dict.fromkeys(('detection reports', 'status reports', 'unusable messages', 'messages for others'), 0)
+        self.counts = dict.fromkeys(('detection reports', 'status reports', 'unusable messages', 'messages for others',
+                                     'errors of the fusion node'), 0)
         self._session = _Session()
 
     @property
@@ -95,6 +106,10 @@ class SapientStage:
     def refusal(self) -> str:
         """Why it has not; empty while it has not answered."""
         return self._session.refusal
+
+    def complaint(self, now: float) -> str:
+        """What is wrong with a message of either; empty after AGAIN_S without another one."""
+        return self._session.error if now - self._session.error_time < AGAIN_S else ''
 
     def on_connected(self, now: float) -> Reaction:
         """Register with a fusion node that has just been connected to."""
@@ -126,8 +141,14 @@ class SapientStage:
             answer = message.registration_ack
             self._session.accepted = answer.acceptance
             self._session.refusal = '' if answer.acceptance else '; '.join(answer.ack_response_reason)[:LONGEST_REASON]
+        elif kind == 'error':
+            self.counts['errors of the fusion node'] += 1
+            words = '; '.join(message.error.error_message)[:LONGEST_REASON] or 'without words'
+            self._session.error, self._session.error_time = f'reports an error: {words}', now
         elif kind == 'task':
             self._tasker = message.node_id
+            if message.task.control == Task.CONTROL_START and message.task.command.WhichOneof('command') == 'request':
+                return self._on_request(message.task, now)
             return self._answer(self.desk.on_task(message.task, place, now), now)
         return Reaction()
 
@@ -159,8 +180,11 @@ class SapientStage:
             messages += ended.messages
             command = ended.command or command
         for track in tracks:
-            if track.id not in reported or now - reported[track.id][1] >= 0.99 / self._settings.rate:
-                reported[track.id] = (track, now)
+            due = reported[track.id][1] if track.id in reported else now
+            if now >= due:
+                # On a grid of its own: what is looked for some times a second is else reported at a fraction of that rate.
+                period = 1.0 / self._settings.rate
+                reported[track.id] = (track, due + period if now - due < period else now + period)
                 messages.append(self._detection(track, now))
         return Reaction(tuple(messages), command)
 
@@ -174,9 +198,10 @@ class SapientStage:
         if not self.accepted:
             return self.on_connected(now) if now - self._session.registered >= AGAIN_S else Reaction()
         ended = self._answer(self.desk.on_time(now), now)
-        changed = health != self._session.shown
+        shown = (health, self._task)
+        changed = shown != self._session.shown
         if changed or now - self._session.status_sent >= self._settings.status_interval:
-            self._session.shown, self._session.status_sent = health, now
+            self._session.shown, self._session.status_sent = shown, now
             return ended._replace(messages=(*ended.messages, self._status(health, changed, now)))
         return ended
 
@@ -184,9 +209,28 @@ class SapientStage:
         """The last status report of a node that is about to disconnect."""
         return Reaction((self._status(Health(), True, now, goodbye=True),) if self.accepted else ())
 
+    def _on_request(self, task: Any, now: float) -> Reaction:
+        """Answer a task that asks for a message. It moves nothing, so it is answered whatever tasks are obeyed."""
+        wanted, shown = task.command.request.strip().lower(), self._session.shown
+        if wanted not in map(str.lower, REQUESTS) or (wanted == 'status' and shown is None):
+            return self._answer(self.desk.refuse(task.task_id, f'{task.command.request!r:.40} is not supported, only '
+                                                 f'{" and ".join(REQUESTS)}'), now)
+        acks = self._answer(Answer((task_ack(task.task_id, TaskAck.TASK_STATUS_ACCEPTED),)), now).messages
+        done = self._answer(Answer((task_ack(task.task_id, TaskAck.TASK_STATUS_COMPLETED),)), now).messages
+        answer = (self._pack(now, registration=registration_message(self._settings)) if shown is None or wanted != 'status'
+                  else self._status(shown[0], False, now))
+        return Reaction((*acks, answer, *done))
+
+    @property
+    def _task(self) -> str:
+        return self.desk.active.task_id if self.desk.active else ''
+
     def _on_unusable(self, data: bytes, reason: str, now: float) -> Reaction:
         self.counts['unusable messages'] += 1
         self.problem = reason
+        self._session.error_time = now
+        self._session.error = (f'sends what cannot be read by {ICD_VERSION}, the only version spoken here: '
+                               f'{reason[:LONGEST_REASON]}')
         if now - self._newest_error < ERROR_INTERVAL_S:
             return Reaction()
         self._newest_error = now
@@ -207,9 +251,8 @@ class SapientStage:
 
     def _status(self, health: Health, changed: bool, now: float, goodbye: bool = False) -> bytes:
         self.counts['status reports'] += 1
-        task_id = self.desk.active.task_id if self.desk.active else ''
         return self._pack(now, status_report=status_report(now, changed, health.place, health.problems, error=health.error,
-                                                           goodbye=goodbye, task_id=task_id))
+                                                           goodbye=goodbye, task_id=self._task))
 
     def _pack(self, now: float, destination: str = '', **content: Any) -> bytes:
         """A message as it is sent. Raises ValueError, a fault of this program, where the standard does not allow it."""

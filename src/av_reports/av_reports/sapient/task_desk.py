@@ -64,7 +64,7 @@ class TaskDesk:
                 raise RefusedTaskError('another task is just beginning')
             wanted = active_task(task, self._objects, place, now)
         except RefusedTaskError as error:
-            return self._refuse(task.task_id, str(error))
+            return self.refuse(task.task_id, str(error))
         self._asked = (wanted, now)
         return Answer(command=wanted.command)
 
@@ -79,7 +79,7 @@ class TaskDesk:
             return Answer()
         (begun, _), self._asked = self._asked, None
         if reason:
-            return self._refuse(begun.task_id, reason)
+            return self.refuse(begun.task_id, reason)
         self.accepted += 1
         former, self.active = self.active, begun
         acks = [task_ack(begun.task_id, TaskAck.TASK_STATUS_ACCEPTED)]
@@ -119,6 +119,12 @@ class TaskDesk:
         self.active = None
         return Answer((task_ack(task.task_id, status, reason),), Stop())
 
-    def _refuse(self, task_id: str, reason: str) -> Answer:
+    def refuse(self, task_id: str, reason: str) -> Answer:
+        """Refuse a task.
+
+        Parameters:
+            task_id: its ULID.
+            reason: why.
+        """
         self.refused += 1
         return Answer((task_ack(task_id, TaskAck.TASK_STATUS_REJECTED, reason),))

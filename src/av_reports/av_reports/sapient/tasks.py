@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from av_common.geodesy import geodetic_to_enu
 from av_reports.contacts import Place
 from av_reports.identifiers import ObjectIds
-from av_reports.sapient.protocol import location, range_bearing
+from av_reports.sapient.protocol import Task, location, range_bearing
 from av_reports.tasking import Command, Follow, LookAt
 
 LONGEST_S = 3600.0  # a task without an end lasts this long at the most
@@ -45,8 +46,6 @@ def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) 
         place: where the rig stands; None while unknown.
         now (s): UTC since 1970.
     """
-    if task.region:
-        raise RefusedTaskError('regions are not supported')
     start = task.task_start_time.ToNanoseconds() * 1e-9 if task.HasField('task_start_time') else now
     end = task.task_end_time.ToNanoseconds() * 1e-9 if task.HasField('task_end_time') else now + LONGEST_S
     if start > now + 1.0:
@@ -54,13 +53,26 @@ def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) 
     if end <= now:
         raise RefusedTaskError('the task has ended before it arrived')
     kind = task.command.WhichOneof('command')
-    if kind == 'follow':
-        command: Command = _follow(task.command.follow.follow_object_id, objects)
+    if task.region:
+        command: Command = _region(task.region, kind)
+    elif kind == 'follow':
+        command = _follow(task.command.follow.follow_object_id, objects)
     elif kind == 'look_at':
         command = _look_at(task.command.look_at, place)
     else:
         raise RefusedTaskError(f'{kind or "a task without a command"} is not supported, only look_at and follow')
     return ActiveTask(task.task_id, min(end, now + LONGEST_S), command)
+
+
+def _region(regions: Sequence[Any], kind: str | None) -> LookAt:
+    """A region of interest is a direction to look at: the one kind of region that the registration offers."""
+    first = regions[0]
+    filtered, interest = first.class_filter or first.behaviour_filter, first.type == Task.REGION_TYPE_AREA_OF_INTEREST
+    if len(regions) > 1 or kind or filtered or not interest:
+        raise RefusedTaskError('of regions, one area of interest without filters and without a command is supported')
+    if first.region_area.WhichOneof('fov_oneof') != 'range_bearing':
+        raise RefusedTaskError('regions are understood as directions only')
+    return _direction(first.region_area.range_bearing)
 
 
 def _follow(object_id: str, objects: ObjectIds) -> Follow:
