@@ -117,7 +117,8 @@ def everything_published() -> Iterator[None]:
     """Have a second node that publishes all topics of the rig."""
     other = Node('everything')
     kinds = {name: found[0] for name, found in KINDS.items()}
-    beside = {'/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray', 'tracks': 'av_interfaces/msg/WorldTrackArray'}
+    beside = {'/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray', 'tracks': 'av_interfaces/msg/WorldTrackArray',
+              'tf': 'tf2_msgs/msg/TFMessage', 'view/markers': 'visualization_msgs/msg/MarkerArray'}
     for name, kind in (kinds | beside).items():
         other.create_publisher(get_message(kind), name, QoSProfile(depth=1))
     yield
@@ -127,7 +128,7 @@ def everything_published() -> Iterator[None]:
 def wait_for_recording(node: RigNode) -> None:
     """Spin until the recorder has found the topics."""
     deadline = time.monotonic() + 60.0
-    while len(list(node.subscriptions)) < len(KINDS) + 1 and time.monotonic() < deadline:
+    while len(list(node.subscriptions)) < len(KINDS) + 3 and time.monotonic() < deadline:
         rclpy.spin_once(node, timeout_sec=0.1)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import psutil
@@ -30,8 +31,14 @@ PIXELS = '''(() => { const canvas = document.createElement("canvas"), image = $(
 
 
 def address_of(rig):
-    rig.wait_for(r'the rig in your browser: http://\S+')
-    return re.search(r'the rig in your browser: (http://\S+)', rig.output).group(1)
+    """The address with the token, which only a private file names."""
+    pattern = r'the rig in your browser: (http://\S+) .* is in (\S+)\)'
+    rig.wait_for(pattern)
+    public, file = re.search(pattern, rig.output).groups()
+    address = Path(file).read_text().strip()
+    assert address.startswith(public) and address.partition('#')[2] not in rig.output
+    assert Path(file).stat().st_mode & 0o777 == 0o600
+    return address
 
 
 def start(tmp_path, *arguments):
@@ -69,7 +76,7 @@ def test_without_the_token_the_page_is_read_only(tmp_path):
         with Browser(find_browser(), width=390) as browser:  # a phone
             browser.open(address.partition('#')[0])
             assert browser.wait_for(SHOWN, 90.0), rig.output
-            assert browser.wait_for('nodes.length >= 5') and browser.value('$("enable").disabled')
+            assert browser.wait_for('nodes.length >= 5') and browser.value('$("enable").hidden && $("stop-bar").hidden')
             assert browser.value('document.documentElement.scrollWidth') <= 390
             assert 'token' in browser.value('request("enable", { value: true }).then(answer => answer.words)')
             assert listener.wait_for(lambda: listener.values.get('pointing_node', {}).get('enabled') == 'False')
@@ -140,14 +147,19 @@ def it_agrees_with_the_topics(browser, listener):
 def it_controls_with_the_token(browser, listener):
     enabled = lambda: listener.values.get('pointing_node', {}).get('enabled')  # noqa: E731
     assert listener.wait_for(lambda: enabled() == 'False')
-    assert browser.wait_for('!$("enable").disabled')
+    assert browser.wait_for('!$("enable").hidden && !$("enable").disabled')
     browser.value('$("enable").click()')
-    assert 'will move' in browser.value('$("ask-words").textContent')
+    words = browser.value('$("ask-words").textContent')
+    assert 'the gimbal (up to 120 deg/s) and the body of the rig (up to 45 deg/s)' in words
     browser.value('$("ask").querySelector("[value=yes]").click()')
     assert listener.wait_for(lambda: enabled() == 'True'), browser.value('$("answer").textContent')
-    assert browser.wait_for('$("enable").textContent.startsWith("Stop")')
-    browser.value('$("enable").click()')
+    assert browser.wait_for('$("enable").hidden')
+    browser.value('$("stop").click()')
     assert listener.wait_for(lambda: enabled() == 'False')
+    assert browser.wait_for('!$("enable").hidden')
+    browser.value('$("enable").click()')
+    assert browser.value('$("ask-words").textContent') == words  # after a stop, too
+    browser.value('$("ask").close("no")')
     it_marks(browser)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from av_common.rig import GimbalMount
 from av_common.track import Source, State, Target, Targets, Track
@@ -202,6 +202,11 @@ class MultiTargetTracker:
         if identifier and all(target.id != identifier for target in self._targets.targets):
             raise ValueError(f'target {identifier} is not tracked')
         self._selection.want(identifier)
+
+    def tune(self, tau: float, confirm_threshold: float) -> None:
+        """See `Tracker`."""
+        self.machine.settings = replace(self.machine.settings, tau=tau)
+        self.filter.confirm_from(confirm_threshold)
 
     def forget_emitters(self) -> int:
         """See `Tracker`."""

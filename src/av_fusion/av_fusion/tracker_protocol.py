@@ -63,6 +63,14 @@ class Tracker(Protocol):
         Raises ValueError where no such target is tracked.
         """
 
+    def tune(self, tau: float, confirm_threshold: float) -> None:
+        """Use other thresholds from now on; a tracker without such a decision ignores its threshold.
+
+        Parameters:
+            tau: score of a detection from which the camera leads.
+            confirm_threshold: probability from which the front-back ambiguity counts as resolved.
+        """
+
     def forget_emitters(self) -> int:
         """Forget which targets are fixed emitters; returns how many were."""
 

@@ -294,3 +294,35 @@ def test_where_rotations_are_not_enabled_none_can_be_asked_for():
     planner = RotationPlanner(RotationSettings(enabled=False))
     with pytest.raises(ValueError, match='rotation.enabled'):
         planner.ask(10.0)
+
+
+@pytest.mark.parametrize('make', [MultiTargetTracker, GatedTracker])
+def test_other_thresholds_hold_from_now_on_and_the_track_stays(make):
+    """A detection of 0.6 leads from tau 0.5 on and not from 0.7 on; nothing else changes."""
+    tracker, sensors, states = make(), SimulatedSensors(3), []
+    for step in range(120):
+        if step == 60:
+            tracker.tune(0.7, 0.99)
+        t = 100.0 + step / 20.0
+        tracker.add_camera(CameraMeasurement(t, (Detection(0.2, 1e-4, 0.6),), visibility=1.0))
+        tracker.add_doa(sensors.doa(t, 0.2))
+        states.append(tracker.estimate(t).state)
+    assert set(states[40:60]) == {State.VISUAL_ACTIVE} and set(states[62:]) == {State.ACOUSTIC_ACTIVE}
+
+
+def test_a_higher_threshold_of_confirmation_holds_for_tracks_that_there_are():
+    """The lower threshold confirms the side of a slowly turning rig at once; for the same track a higher one does so later."""
+    began = []
+    for threshold in (0.6, 0.9999):
+        tracker, sensors, step, resolved = MultiTargetTracker(), SimulatedSensors(5), 0, False
+        tracker.tune(0.5, 0.9999)
+        while not resolved and step < 600:
+            t, yaw = 100.0 + step / 20.0, math.radians(10.0) * step / 20.0
+            if step == 10:
+                assert tracker.filter.tracks
+                tracker.tune(0.5, threshold)
+            tracker.add_pose(Pose.level(t, yaw))
+            tracker.add_doa(sensors.doa(t, float(wrap(0.4 - yaw))))
+            resolved, step = tracker.estimate(t).resolved, step + 1
+        began.append(step)
+    assert began[0] < began[1]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from av_common.angles import wrap
@@ -160,7 +160,7 @@ class PointingController:
         self.body = BodyAxis(self.settings.yaw, self.settings.response)
         self._time: float | None = None
         self._seen: Track | None = None
-        self._has_odometry = False
+        self._vehicle_rate, self._has_odometry = math.inf, False
 
     def start_at(self, pan: float, tilt: float) -> None:
         """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
@@ -173,7 +173,26 @@ class PointingController:
         """
         if not 0.0 < rate < math.inf:
             raise ValueError(f'a limit of {rate} rad/s, expected a positive one')
+        self._vehicle_rate = rate
         self.body.limit_rate(min(rate, self.settings.yaw.rate))
+
+    def limit_rates(self, settings: PointingSettings) -> None:
+        """Use the limits of other settings from the next command on; all else stays.
+
+        Parameters:
+            settings: of which the limits of the axes count.
+        """
+        self.settings = replace(self.settings, pan=settings.pan, tilt=settings.tilt, yaw=settings.yaw)
+        self.gimbal.pan.limits, self.gimbal.tilt.limits = settings.pan, settings.tilt
+        self.body.limit_rate(min(self._vehicle_rate, settings.yaw.rate))
+
+    @property
+    def may_move(self) -> str:
+        """What commands move once they are enabled, in words."""
+        settings = self.settings
+        parts = [('the gimbal', settings.move_gimbal, max(settings.pan.rate, settings.tilt.rate)),
+                 ('the body of the rig', settings.move_body, self.body.limits.rate)]
+        return ' and '.join(f'{part} (up to {math.degrees(rate):.0f} deg/s)' for part, on, rate in parts if on) or 'nothing'
 
     def on_attitude(self, time: float, attitude_wxyz: Sequence[float]) -> None:
         """Note the body's attitude (w, x, y, z) in the world by odometry of `time` (s, on the clock of `step`)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,3 +165,36 @@ def test_impossible_limits_are_refused(change):
     """Limits that hold no motion or exclude neutral are named."""
     with pytest.raises(ValueError, match='axis limits'):
         AxisLimits(**{'rate': 1.0, 'acceleration': 1.0, **change})
+
+
+def test_other_limits_of_rate_hold_from_the_next_commands_on_and_never_above_the_vehicles():
+    """Slower than the vehicle's own limit, then faster than it: the smaller of both holds, and words say so."""
+    controller = PointingController()
+    controller.limit_body(math.radians(30.0))
+    step, fastest = 0, {}
+    for yaw_deg, gimbal_deg in ((45.0, 120.0), (10.0, 20.0), (90.0, 200.0)):
+        axes = {name: replace(getattr(controller.settings, name), rate=math.radians(rate))
+                for name, rate in (('pan', gimbal_deg), ('tilt', gimbal_deg), ('yaw', yaw_deg))}
+        controller.limit_rates(replace(PointingSettings(), **axes))
+        commands = []
+        for _ in range(60):
+            step += 1
+            time = 50.0 + step * PERIOD_S
+            azimuth = 2.0 * (-1.0) ** (step // 60)
+            commands.append(controller.step(time, Track(time, State.VISUAL_ACTIVE, azimuth=azimuth, resolved=True), FRESH))
+        fastest[yaw_deg] = [max(abs(math.degrees(getattr(one, rate))) for one in commands[20:])
+                            for rate in ('yaw_rate', 'pan_rate')]
+    assert fastest[45.0][0] <= 30.0 + 1e-9 and fastest[90.0][0] <= 30.0 + 1e-9
+    assert fastest[10.0][0] == pytest.approx(10.0, abs=0.1) and fastest[10.0][1] <= 20.0 + 1e-9
+    assert controller.may_move == 'the gimbal (up to 200 deg/s) and the body of the rig (up to 30 deg/s)'
+
+
+@pytest.mark.parametrize(('gimbal', 'body', 'words'), [
+    (True, False, 'the gimbal (up to 120 deg/s)'), (False, False, 'nothing')])
+def test_what_may_move_is_what_is_configured_whatever_was_commanded(gimbal, body, words):
+    controller = PointingController(PointingSettings(
+        move_gimbal=gimbal, move_body=body, pan=AxisLimits(math.radians(120.0), 6.0), tilt=AxisLimits(1.0, 6.0)))
+    for enabled in (True, False):
+        controller.enabled = enabled
+        controller.step(1.0, None, Ages())
+        assert controller.may_move == words

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import os
 import secrets
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from tempfile import mkstemp
 from urllib.parse import urlsplit
 
 
@@ -22,10 +26,11 @@ class Access:
     Parameters:
         control: whether anything may be controlled.
         hosts: further names by which this machine is called.
+        token: of the process before; empty for a new one.
     """
 
-    def __init__(self, control: bool, hosts: Iterable[str] = ()) -> None:
-        self.token = secrets.token_urlsafe(24) if control else ''
+    def __init__(self, control: bool, hosts: Iterable[str] = (), token: str = '') -> None:
+        self.token = (token or secrets.token_urlsafe(24)) if control else ''
         self._names = {'localhost', socket.gethostname().lower(), *(host.lower() for host in hosts if host)}
 
     def refusal(self, hosts: Iterable[str], origins: Iterable[str]) -> str:
@@ -53,6 +58,33 @@ class Access:
         except ValueError:
             return name in self._names
         return True
+
+
+class PrivateAddress:
+    """The address with the token: in a file that its owner alone can read, and on the terminal, never in a log.
+
+    Parameters:
+        port: TCP port of the page, by which the file is named.
+    """
+
+    def __init__(self, port: int) -> None:
+        self.file = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser() / f'page_{port}.address'
+
+    def token(self) -> str:
+        """The token of the process before, so that open pages stay valid when this one replaces it; empty for none."""
+        with suppress(OSError, UnicodeError):
+            return self.file.read_text().strip().rpartition('#')[2]
+        return ''
+
+    def write(self, address: str) -> None:
+        """Replace the file, and tell the terminal from which the rig was launched. Raises OSError."""
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = mkstemp(dir=self.file.parent)  # of mode 0600
+        with os.fdopen(handle, 'w') as file:
+            print(address, file=file)
+        Path(name).replace(self.file)
+        with suppress(OSError), Path('/dev/tty').open('w') as terminal:  # no part of what a launch writes to its logs
+            print(f'the rig in your browser, with control: {address}', file=terminal)
 
 
 def _name(url: str) -> str:

@@ -4,8 +4,25 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import islice
+from typing import NamedTuple
 
-HISTORY = 600  # rows that a new viewer is sent
+# Rows in an update: the few that a viewer may have missed, or all for one that is new or was away.
+RECENT, HISTORY = 10, 600
+
+
+class Update(NamedTuple):
+    """Messages to one viewer in the order in which they are sent; empty for nothing.
+
+    Parameters:
+        picture: JPEG.
+        health: JSON.
+        state: JSON, with rows.
+    """
+
+    picture: bytes = b''
+    health: str = ''
+    state: str = ''
 
 
 @dataclass
@@ -16,12 +33,13 @@ class Feed:
     """
 
     state: str = 'null'
-    health: str = 'null'
+    health: str = ''
     picture: bytes = b''
     serial: int = 0
     health_serial: int = 0
     picture_serial: int = 0
     rows: deque[str] = field(default_factory=lambda: deque(maxlen=HISTORY))
+    _messages: dict[int, str] = field(default_factory=dict)
 
     def put(self, state: str, row: str, picture: bytes = b'') -> None:
         """A new state, with a picture where that is new, too.
@@ -34,14 +52,27 @@ class Feed:
         self.state = state
         self.rows.append(row)
         self.serial += 1
+        self._messages.clear()
         if picture:
             self.picture = picture
             self.picture_serial += 1
 
     def put_health(self, health: str) -> None:
-        """New health, a message as JSON."""
+        """New health, a message as JSON, which goes with the next state."""
         self.health = health
         self.health_serial += 1
+
+    def message(self, missed: int) -> str:
+        """The state with the newest rows, of which the last has the number `serial`; one text for all viewers.
+
+        Parameters:
+            missed: number of rows that a viewer has not had.
+        """
+        count = RECENT if 0 <= missed <= RECENT else HISTORY
+        if count not in self._messages:
+            rows = ','.join(islice(self.rows, max(len(self.rows) - count, 0), None))
+            self._messages[count] = f'{{"type":"state","serial":{self.serial},"rows":[{rows}],"state":{self.state}}}'
+        return self._messages[count]
 
 
 @dataclass
@@ -52,21 +83,16 @@ class Position:
     health_serial: int = 0
     picture_serial: int = 0
 
-    def take(self, feed: Feed) -> list[str | bytes]:
-        """What is new to the viewer, the state last; note it as had. Nothing where nothing is new.
+    def take(self, feed: Feed) -> Update:
+        """What is new to the viewer; note it as had. Nothing where the state is not new.
 
         Parameters:
             feed: of the viewer's rig.
         """
-        if (feed.serial, feed.health_serial) == (self.serial, self.health_serial):
-            return []
-        messages: list[str | bytes] = []
-        if feed.picture_serial != self.picture_serial:
-            messages.append(feed.picture)
-        if feed.health_serial != self.health_serial:
-            messages.append(feed.health)
-        count = min(feed.serial - self.serial, len(feed.rows))
-        rows = ','.join(list(feed.rows)[len(feed.rows) - count:])
-        messages.append(f'{{"type":"state","rows":[{rows}],"state":{feed.state}}}')
+        if feed.serial == self.serial:
+            return Update()
+        update = Update(feed.picture if feed.picture_serial != self.picture_serial else b'',
+                        feed.health if feed.health_serial != self.health_serial else '',
+                        feed.message(feed.serial - self.serial))
         self.serial, self.health_serial, self.picture_serial = feed.serial, feed.health_serial, feed.picture_serial
-        return messages
+        return update

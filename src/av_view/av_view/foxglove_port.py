@@ -87,17 +87,18 @@ class FoxglovePort:
         messages = self._foxglove.messages
         time = self._time(snapshot['time'])
         lines, texts = [], []
-        for box in (snapshot['sight'] or {'boxes': ()})['boxes']:
-            if 'x' in box and None not in (box['x'], box['y'], box['width'], box['height']):
+        drawn = snapshot['picture'] or {'boxes': (), 'line': ()}
+        for box in drawn['boxes']:
+            if None not in (box['x'], box['y'], box['width'], box['height']):
                 x, y, right, low = box['x'], box['y'], box['x'] + box['width'], box['y'] + box['height']
                 corners = [[x, y], [right, y], [right, low], [x, low]]
                 lines.append(self._line(messages.PointsAnnotationType.LineLoop, corners, GREEN, width, height))
                 texts.append(messages.TextAnnotation(
                     position=messages.Point2(x=x * width, y=y * height), text=f'{box["name"]} {box["score"] or 0.0:.2f}',
                     font_size=FONT, text_color=messages.Color(r=1.0, g=1.0, b=1.0, a=1.0)))
-        if snapshot['bearing'] is not None and snapshot['bearing']['line']:
+        if drawn['line']:
             strip = messages.PointsAnnotationType.LineStrip
-            lines.append(self._line(strip, snapshot['bearing']['line'], BLUE, width, height))
+            lines.append(self._line(strip, drawn['line'], BLUE, width, height))
         self._annotations.log(messages.ImageAnnotations(timestamp=time, points=lines, texts=texts))
         for topic, content in tables(snapshot).items():
             self._tables[topic].log(content)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,21 @@ from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.vectors import angles
 from av_pointing.controller import Mode
 from av_view.camera_view import CameraView
-from av_view.numbers import LONGEST_NAME, LONGEST_TEXT, MOST_BOXES, MOST_GROUPS, MOST_TRACKS, STALE_S, degrees, number
+from av_view.numbers import (
+    LONGEST_NAME,
+    LONGEST_TEXT,
+    MOST_BOXES,
+    MOST_GROUPS,
+    MOST_TRACKS,
+    PICTURE_STALE_S,
+    STALE_S,
+    degrees,
+    number,
+)
 from av_view.world_map import WorldMap
 
 MOST_DELAYS, MOST_MARKS, MOST_SECTORS = 100, 50, 720  # of the delays the median is shown
+MOST_PAST = 30  # bearings and directions that may belong to a picture
 STATES = {State.NONE: 'none', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
 
 
@@ -34,7 +45,7 @@ class RigState:
     """The newest message of each topic of a rig, and what follows from them for people who watch.
 
     Attributes:
-        camera: the camera as it is turned; None while it is unknown.
+        camera: the camera as it was turned at the time of the picture; None while it is unknown.
         sound: the newest directions of arrival in the body frame, the most confident first.
         world: the map of several rigs.
     """
@@ -44,6 +55,9 @@ class RigState:
         self.sound: Sequence[DoaMeasurement] = ()
         self.world = WorldMap()
         self._bearing: Any = None
+        self._bearings: deque[tuple[float, Any]] = deque(maxlen=MOST_PAST)
+        self._heard: deque[tuple[float, Sequence[DoaMeasurement]]] = deque(maxlen=MOST_PAST)
+        self._picture: tuple[float, tuple[int, int], Any] | None = None
         self._fusion: Any = None
         self._doa: Any = None
         self._detections: Any = None
@@ -68,8 +82,9 @@ class RigState:
         """
         if State(message.state) != State.NONE and not math.isfinite(message.azimuth):
             raise ValueError(f'azimuth is {message.azimuth}, expected a number')
-        measured = to_seconds(message.measured)
+        measured, stamp = to_seconds(message.measured), to_seconds(message.header.stamp)
         self._bearing = message
+        self._bearings.append((stamp, message))
         if message.attitude_known and math.isfinite(message.azimuth_world):
             self._heading = float(wrap(message.azimuth_world - message.azimuth))
         if message.state != State.NONE and measured > 0.0:
@@ -86,8 +101,19 @@ class RigState:
             message: the message.
             measurements: its directions in the body frame, the most confident first.
         """
-        to_seconds(message.header.stamp)
+        stamp = to_seconds(message.header.stamp)
         self._doa, self.sound = message, measurements[:MOST_GROUPS]
+        self._heard.append((stamp, self.sound))
+
+    def on_picture(self, time: float, size: tuple[int, int], detections: Any) -> None:
+        """Note which picture is shown.
+
+        Parameters:
+            time (s): when it was taken.
+            size (pixels): width and height of its image.
+            detections: the `Detection2DArray` of this very image; None where there is none.
+        """
+        self._picture = (time, size, detections)
 
     def on_detections(self, message: Any, measurement: CameraMeasurement | None) -> None:
         """Take a `Detection2DArray`. Raises ValueError for an impossible stamp.
@@ -148,10 +174,11 @@ class RigState:
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
             'bearing': self._bearing_part(now), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
-            'sight': self._sight_part(now), 'camera': self._camera_part(), 'tracks': self._tracks_part(now),
-            'truth': self._truth_part(), 'command': self._command_part(now), 'spectrum': self._spectrum,
-            'snr': number(self._snr, 1), 'delay': self._delay(), 'posterior': self._posterior_part(now),
-            'marks': [mark for mark in self._marks if mark[0] <= now], 'world': self.world.part(now)}
+            'sight': self._sight_part(now), 'picture': self._picture_part(now), 'camera': self._camera_part(),
+            'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
+            'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
+            'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
+            'world': self.world.part(now)}
 
     def _bearing_part(self, now: float) -> dict[str, Any] | None:
         message = self._bearing
@@ -169,8 +196,21 @@ class RigState:
             'probability': number(message.hemisphere_probability, 3), 'resolved': bool(message.resolved),
             'turn': degrees(message.requested_rotation),
             'look': degrees(message.look_azimuth) if message.look_requested else None,
-            'age': number(now - measured, 2) if measured > 0.0 else None,
-            'line': self._line(message), 'band': self._band(message), 'centre': self._centre(message)}
+            'age': number(now - measured, 2) if measured > 0.0 else None}
+
+    def _picture_part(self, now: float) -> dict[str, Any] | None:
+        """What is drawn on the picture, of the time at which it was taken."""
+        if self._picture is None or now - self._picture[0] > PICTURE_STALE_S:
+            return None
+        time, size, detections = self._picture
+        bearing, heard = _nearest(self._bearings, time), _nearest(self._heard, time)
+        boxes = detections.detections[:MOST_BOXES] if detections else ()
+        return {'age': number(now - time), 'detected': detections is not None,
+                'boxes': [_box(box, size) for box in boxes if box.results],
+                'line': self._line(bearing) if bearing else [], 'band': self._band(bearing) if bearing else [],
+                'centre': self._centre(bearing) if bearing else None,
+                'heard': [self.camera.meridian(image.azimuth) for doa in heard or () for image in doa.hypotheses]
+                if self.camera else []}
 
     def _posterior_part(self, now: float) -> list[float]:
         """Probabilities of the sectors relative to the most probable one; empty without recent ones."""
@@ -212,17 +252,22 @@ class RigState:
                 'confidence': groups[0]['confidence'] if groups else 0.0,
                 'age': number(now - to_seconds(self._doa.header.stamp))}
 
-    def _image(self, image: Any) -> dict[str, Any]:
-        return {'azimuth': degrees(image.azimuth), 'sigma': _sigma(image.across_variance),
-                'line': self.camera.meridian(image.azimuth) if self.camera else []}
+    @staticmethod
+    def _image(image: Any) -> dict[str, Any]:
+        return {'azimuth': degrees(image.azimuth), 'sigma': _sigma(image.across_variance)}
 
     def _sight_part(self, now: float) -> dict[str, Any] | None:
         message = self._detections
         if message is None or now - to_seconds(message.header.stamp) > STALE_S:
             return None
-        boxes = [_box(detection, self.camera) for detection in message.detections[:MOST_BOXES] if detection.results]
+        boxes = [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]
         return {'boxes': boxes, 'age': number(now - to_seconds(message.header.stamp)),
                 'visibility': number(self._sight.visibility) if self._sight else None}
+
+    def _seen(self, detection: Any) -> dict[str, Any]:
+        middle, best = detection.bbox.center.position, _best(detection)
+        azimuth = self.camera.azimuth_of(middle.x, middle.y) if self.camera else math.nan
+        return {'name': best.class_id[:LONGEST_NAME], 'score': number(best.score), 'azimuth': degrees(azimuth)}
 
     def _camera_part(self) -> dict[str, Any] | None:
         if self.camera is None:
@@ -283,14 +328,25 @@ def _sources(bits: int) -> list[str]:
     return [name for name, bit in (('sound', Source.SOUND), ('sight', Source.SIGHT)) if bits & bit]
 
 
-def _box(detection: Any, camera: CameraView | None) -> dict[str, Any]:
-    """A detection: its box as shares of the picture's sides, where the camera is known."""
-    best = max((result.hypothesis for result in detection.results), key=lambda one: one.score)
-    box = detection.bbox
+def _nearest(past: Iterable[tuple[float, Any]], time: float) -> Any:
+    """What was closest to a time (s); None where nothing was within STALE_S."""
+    apart, found = min(((abs(stamp - time), one) for stamp, one in past), key=lambda pair: pair[0], default=(math.inf, None))
+    return found if apart <= STALE_S else None
+
+
+def _best(detection: Any) -> Any:
+    return max((result.hypothesis for result in detection.results), key=lambda one: one.score)
+
+
+def _box(detection: Any, size: tuple[int, int]) -> dict[str, Any]:
+    """A detection: its box as shares of the picture's sides.
+
+    Parameters:
+        detection: of an image.
+        size (pixels): width and height of the image.
+    """
+    best, box = _best(detection), detection.bbox
     x, y, width, height = box.center.position.x, box.center.position.y, box.size_x, box.size_y
-    azimuth = camera.azimuth_of(x, y) if camera else math.nan
-    share: Mapping[str, float | None] = {} if camera is None else {
-        'x': number((x - 0.5 * width) / camera.model.width, 4), 'y': number((y - 0.5 * height) / camera.model.height, 4),
-        'width': number(width / camera.model.width, 4), 'height': number(height / camera.model.height, 4)}
-    return {**share, 'name': best.class_id[:LONGEST_NAME], 'score': number(best.score), 'azimuth': degrees(azimuth),
-            'track': detection.id[:LONGEST_NAME]}
+    return {'x': number((x - 0.5 * width) / size[0], 4), 'y': number((y - 0.5 * height) / size[1], 4),
+            'width': number(width / size[0], 4), 'height': number(height / size[1], 4),
+            'name': best.class_id[:LONGEST_NAME], 'score': number(best.score)}

@@ -1,7 +1,8 @@
 """The web server of the page and its viewers, in a thread of its own.
 
-Each viewer asks for the next message when it has shown the previous one: a slow one gets fewer, and nothing piles up for one
-that stalls. All viewers together are sent at most `most_updates` a second, so that many cost no more than some.
+Each viewer asks for the next update when it has shown the previous one; updates are encoded once and broadcast. Holders of the
+token come first and get all of them. Of the others, the guests, those who have waited longest get each update, a limited
+number, so that many cost no more than some. Whoever does not ask is dropped, so that nothing piles up.
 """
 
 from __future__ import annotations
@@ -11,27 +12,33 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Any
 
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
 
 from av_view.access import Access
 from av_view.feed import Feed, Position
 
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
-PING_S = 15.0  # a viewer that answers no ping for as long again is gone
+PROTOCOL = Subprotocol('rig')  # a viewer offers this one, and its token as another one
+MOST_HOLDERS, MOST_GUESTS = 20, 100  # of holders the one that asked longest ago gives way, guests are refused
+GUESTS_AT_ONCE = 20  # that get one update
+PATIENCE_S = 20.0  # after which a viewer is dropped that neither asks nor waits for an update
+MOST_OPENING, OPENING_S = 256, 5.0  # connections that are no viewers (yet), and how long each may take
+TIDY_S = 1.0
 READ_ONLY = 'this page is read-only: start the rig with view_control:=true'
-WRONG_TOKEN_S = 1.0  # delay of the answer to a wrong token
+WRONG_TOKEN = 'this page is read-only: open the address with the token of this launch'
 PAGE = {'/': ('index.html', 'text/html'), '/view.css': ('view.css', 'text/css'), '/icon.svg': ('icon.svg', 'image/svg+xml'),
-        '/view.js': ('view.js', 'text/javascript'), '/draw.js': ('draw.js', 'text/javascript')}
+        **{f'/{name}.js': (f'{name}.js', 'text/javascript') for name in ('words', 'draw', 'view')}}
 SECURITY = {
     'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -40,33 +47,35 @@ SECURITY = {
 Act = Callable[[str, str, dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
-@dataclass(frozen=True)
-class ServerSettings:
-    """Where the server listens and what it gives.
-
-    Parameters:
-        bind_address: address of this machine.
-        port: TCP port; 0 for one that is free.
-        rate (Hz): most updates a second for one viewer.
-        most_updates (Hz): for all viewers together.
-        most_viewers: further ones are refused.
-        rig: namespace of the rig that viewers see first.
-    """
-
-    bind_address: str = '127.0.0.1'
-    port: int = 8780
-    rate: float = 10.0
-    most_updates: float = 60.0
-    most_viewers: int = 300
-    rig: str = ''
-
-
 @dataclass(eq=False)
 class _Viewer:
-    rig: str
+    connection: ServerConnection
+    holds_token: bool
+    rig: str | None = None  # None while there is no rig
+    has_chosen: bool = False
     position: Position = field(default_factory=Position)
-    ready: asyncio.Event = field(default_factory=asyncio.Event)
+    asked: float = field(default_factory=time.monotonic)
     requests: list[float] = field(default_factory=list)
+
+
+class _Connection(ServerConnection):
+    """A connection that makes room for further ones until it is a viewer's."""
+
+    opening: dict[ServerConnection, None]
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Count it; beyond MOST_OPENING the oldest one that is no viewer's ends."""
+        super().connection_made(transport)
+        self.opening[self] = None
+        if len(self.opening) > MOST_OPENING:
+            oldest = next(iter(self.opening))
+            del self.opening[oldest]
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Count it no more."""
+        self.opening.pop(self, None)
+        super().connection_lost(exc)
 
 
 class ViewServer:
@@ -74,27 +83,30 @@ class ViewServer:
 
     Attributes:
         port: TCP port, once started.
-        refused: number of requests that were refused.
+        refused: number of requests that were refused, and of viewers that were dropped.
 
     Parameters:
-        settings: see `ServerSettings`.
+        bind_address: address of this machine.
+        port: TCP port; 0 for one that is free.
         access: who may read and control.
-        act: carries out a request; see `Act`.
-
-    `start` raises OSError where the address cannot be bound.
+        act: carries out requests.
     """
 
-    def __init__(self, settings: ServerSettings, access: Access, act: Act) -> None:
-        self._settings, self._access, self._act = settings, access, act
+    def __init__(self, bind_address: str, port: int, access: Access, act: Act) -> None:
+        self._bind_address, self._access, self._act = bind_address, access, act
         self._feeds: dict[str, Feed] = {}
         self._viewers: set[_Viewer] = set()
+        self._waiting: dict[_Viewer, None] = {}  # for an update, the longest first
+        self._serials: dict[str, int] = {}  # of the newest state of each rig, and how many guests may still get it
+        self._left: dict[str | None, int] = {}
+        self._opening: dict[ServerConnection, None] = {}
+        self._dropped: set[asyncio.Task[None]] = set()
         self._rigs: tuple[str, ...] = ()
-        self._changed: asyncio.Future[None] | None = None
         self._loop = asyncio.new_event_loop()
         self._server: Server | None = None
         self._files = {path: (kind, (files('av_view') / 'page' / name).read_bytes()) for path, (name, kind) in PAGE.items()}
         self._thread = threading.Thread(target=self._run, name='view server', daemon=True)
-        self.port, self.refused = settings.port, 0
+        self.port, self.refused = port, 0
 
     def start(self) -> None:
         """Listen."""
@@ -117,12 +129,12 @@ class ViewServer:
         """Number of viewers."""
         return len(self._viewers)
 
-    def watched(self) -> set[str]:
-        """Namespaces of the rigs that somebody looks at."""
+    def watched(self) -> set[str | None]:
+        """Namespaces of the rigs that somebody looks at; None of viewers that wait for a rig."""
         return {viewer.rig for viewer in tuple(self._viewers)}
 
     def put(self, change: Callable[[Feed], None], rig: str) -> None:
-        """Change the feed of a rig.
+        """Change the feed of a rig, and send an update where there is a new state.
 
         Parameters:
             change: called with the feed in the thread of the server.
@@ -131,18 +143,46 @@ class ViewServer:
         self._loop.call_soon_threadsafe(self._put, change, rig)
 
     def set_rigs(self, rigs: tuple[str, ...]) -> None:
-        """Tell viewers which rigs there are, by their namespaces."""
-        self._rigs = rigs
+        """Tell viewers which rigs there are, by their namespaces; whoever has not chosen one sees the first."""
+        self._loop.call_soon_threadsafe(self._set_rigs, rigs)
 
     def drop(self, rig: str) -> None:
         """Forget the feed of a rig that nobody looks at."""
         self._loop.call_soon_threadsafe(self._feeds.pop, rig, None)
 
     def _put(self, change: Callable[[Feed], None], rig: str) -> None:
-        change(self._feeds.setdefault(rig, Feed()))
-        if self._changed is not None and not self._changed.done():
-            self._changed.set_result(None)
-        self._changed = None
+        feed = self._feeds.setdefault(rig, Feed())
+        change(feed)
+        if feed.serial != self._serials.get(rig):
+            self._serials[rig], self._left[rig] = feed.serial, GUESTS_AT_ONCE
+            self._serve(feed, [viewer for viewer in self._waiting if viewer.rig == rig])
+
+    def _serve(self, feed: Feed, waiting: Sequence[_Viewer]) -> None:
+        """Send what is new to viewers of one rig that wait: to all with the token, and to guests while their share lasts."""
+        updates = []
+        for viewer in waiting:
+            if viewer.holds_token or self._left[viewer.rig] > 0:
+                update = viewer.position.take(feed)
+                if update.state:
+                    self._left[viewer.rig] -= not viewer.holds_token
+                    del self._waiting[viewer]
+                    updates.append((viewer, update))
+        for part in range(3):
+            for message in {update[part] for _, update in updates} - {'', b''}:
+                broadcast([viewer.connection for viewer, update in updates if update[part] == message], message)
+
+    def _set_rigs(self, rigs: tuple[str, ...]) -> None:
+        moved = [viewer for viewer in self._viewers if not viewer.has_chosen and viewer.rig not in rigs]
+        for viewer in moved:
+            viewer.rig, viewer.position = (rigs[0] if rigs else viewer.rig), Position()
+        self._tell_rigs(self._viewers if rigs != self._rigs else moved if rigs else (), rigs)
+        self._rigs = rigs
+
+    def _tell_rigs(self, viewers: Iterable[_Viewer], rigs: Sequence[str]) -> None:
+        for viewer in viewers:
+            broadcast([viewer.connection], json.dumps({
+                'type': 'rigs', 'rigs': rigs, 'rig': viewer.rig, 'control': bool(self._access.token),
+                'token': viewer.holds_token}))
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -151,11 +191,14 @@ class ViewServer:
     async def _listen(self) -> None:
         quiet = logging.getLogger('av_view.websockets')  # malformed requests are counted instead
         quiet.setLevel(logging.CRITICAL)
+        connection = type('Connection', (_Connection,), {'opening': self._opening})
         self._server = await serve(
-            self._serve_viewer, self._settings.bind_address, self._settings.port, process_request=self._answer,
-            compression=None, open_timeout=10.0, ping_interval=PING_S, ping_timeout=PING_S, close_timeout=1.0,
+            self._serve_viewer, self._bind_address, self.port, process_request=self._answer, create_connection=connection,
+            select_subprotocol=lambda _, offered: PROTOCOL if PROTOCOL in offered else None, compression=None,
+            open_timeout=OPENING_S, ping_interval=PATIENCE_S, ping_timeout=PATIENCE_S, close_timeout=1.0,
             max_size=LARGEST_REQUEST, max_queue=4, logger=quiet)
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
+        self._loop.call_later(TIDY_S, self._tidy)
 
     async def _close(self) -> None:
         if self._server is not None:
@@ -170,78 +213,80 @@ class ViewServer:
             return _response(HTTPStatus.FORBIDDEN, 'text/plain', f'{refusal}\n'.encode())
         path = request.path.partition('?')[0]
         if path == '/feed':
-            if len(self._viewers) < self._settings.most_viewers:
+            if self._holds_token(request) or sum(not viewer.holds_token for viewer in self._viewers) < MOST_GUESTS:
                 return None
+            self.refused += 1
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, 'text/plain', b'There are too many viewers.\n')
         if path not in self._files:
             return _response(HTTPStatus.NOT_FOUND, 'text/plain', b'There is no such page.\n')
         return _response(HTTPStatus.OK, *self._files[path])
 
+    def _holds_token(self, request: Request | None) -> bool:
+        offered = request.headers.get_all('Sec-WebSocket-Protocol') if request else []
+        return any(self._access.may_control(word.strip()) for line in offered[:1] for word in line.split(',')[:2])
+
     async def _serve_viewer(self, connection: ServerConnection) -> None:
-        viewer = _Viewer(self._settings.rig)
+        viewer = _Viewer(connection, self._holds_token(connection.request), self._rigs[0] if self._rigs else None)
+        self._opening.pop(connection, None)
+        if viewer.holds_token:
+            holders = sorted((one for one in self._viewers if one.holds_token), key=lambda one: one.asked)
+            for superfluous in holders[:max(len(holders) + 1 - MOST_HOLDERS, 0)]:
+                self._drop(superfluous, 'too many viewers with the token')
         self._viewers.add(viewer)
-        sender = asyncio.create_task(self._send(connection, viewer))
+        self._tell_rigs([viewer], self._rigs)
         try:
             async for message in connection:
-                await self._take(connection, viewer, message)
+                await self._take(viewer, message)
         except ConnectionClosed:  # also by a message that is too large
             pass
         finally:
             self._viewers.discard(viewer)
-            sender.cancel()
+            self._waiting.pop(viewer, None)
 
-    async def _send(self, connection: ServerConnection, viewer: _Viewer) -> None:
-        """Send what is new whenever the viewer is ready for it."""
-        sent_rigs: tuple[str, ...] | None = None
-        try:
-            while True:
-                await viewer.ready.wait()
-                if self._rigs != sent_rigs:
-                    sent_rigs = self._rigs
-                    await connection.send(json.dumps(
-                        {'type': 'rigs', 'rigs': sent_rigs, 'rig': viewer.rig, 'control': bool(self._access.token)}))
-                messages = viewer.position.take(self._feeds.get(viewer.rig, Feed()))
-                if messages:
-                    viewer.ready.clear()
-                    for message in messages:  # after the last one, the state, the viewer asks for the next
-                        await connection.send(message)
-                    await asyncio.sleep(max(1.0 / self._settings.rate, len(self._viewers) / self._settings.most_updates))
-                else:
-                    await self._change()
-        except ConnectionClosed:
-            pass
+    def _tidy(self) -> None:
+        """Once a second: drop who does not ask."""
+        late = time.monotonic() - PATIENCE_S
+        for viewer in [one for one in self._viewers if one.asked < late and one not in self._waiting]:
+            self._drop(viewer, 'asks for nothing')
+        self._loop.call_later(TIDY_S, self._tidy)
 
-    async def _change(self) -> None:
-        """Wait for a change of any feed."""
-        if self._changed is None:
-            self._changed = self._loop.create_future()
-        await asyncio.wait([self._changed], timeout=1.0)
+    def _drop(self, viewer: _Viewer, why: str) -> None:
+        self.refused += 1
+        self._viewers.discard(viewer)
+        self._waiting.pop(viewer, None)
+        task = self._loop.create_task(viewer.connection.close(1008, why))
+        self._dropped.add(task)
+        task.add_done_callback(self._dropped.discard)
 
-    async def _take(self, connection: ServerConnection, viewer: _Viewer, message: str | bytes) -> None:
+    async def _take(self, viewer: _Viewer, message: str | bytes) -> None:
         """A request of a viewer. One that cannot be used, or one too many, closes its connection."""
         now = time.monotonic()
+        viewer.asked = now
         viewer.requests = [one for one in viewer.requests if now - one < 1.0] + [now]
         request = _request(message)
         if request is None or len(viewer.requests) > MOST_REQUESTS:
-            self.refused += 1
-            await connection.close(1008, 'not a request' if request is None else 'too many requests')
-        elif request['do'] == 'next':
-            viewer.ready.set()
-        elif request['do'] == 'watch':
-            viewer.rig, viewer.position = str(request.get('rig', ''))[:200], Position()
-            viewer.ready.set()
+            self._drop(viewer, 'not a request' if request is None else 'too many requests')
+        elif viewer not in self._viewers:
+            return  # has been dropped
+        elif request['do'] in ('next', 'watch'):
+            if 'rig' in request:
+                viewer.rig, viewer.has_chosen, viewer.position = str(request['rig'])[:200], True, Position()
+            self._waiting.setdefault(viewer)
+            if viewer.rig in self._feeds and viewer.rig in self._left:
+                self._serve(self._feeds[viewer.rig], [viewer])
         else:
-            answer = await self._controlled(request['do'], viewer.rig, request)
-            await connection.send(json.dumps({'type': 'answer', 'number': request.get('number'), **answer}))
+            answer = await self._controlled(request['do'], viewer, request)
+            await viewer.connection.send(json.dumps({'type': 'answer', 'number': request.get('number'), **answer}))
 
-    async def _controlled(self, name: str, rig: str, request: dict[str, Any]) -> dict[str, Any]:
+    async def _controlled(self, name: str, viewer: _Viewer, request: dict[str, Any]) -> dict[str, Any]:
         """Carry out a request of a viewer with the token."""
-        if not self._access.may_control(request.get('token')):
+        if not viewer.holds_token:
             self.refused += 1
-            await asyncio.sleep(WRONG_TOKEN_S)
-            return {'done': False, 'words': 'the token is wrong' if self._access.token else READ_ONLY}
+            return {'done': False, 'words': WRONG_TOKEN if self._access.token else READ_ONLY}
+        if viewer.rig is None:
+            return {'done': False, 'words': 'there is no rig'}
         try:
-            return await self._act(name, rig, request)
+            return await self._act(name, viewer.rig, request)
         except (ValueError, TypeError, KeyError, TimeoutError) as error:
             return {'done': False, 'words': str(error) or 'no answer'}
 

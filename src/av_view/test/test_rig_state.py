@@ -31,7 +31,6 @@ def test_a_bearing_in_degrees():
     part = state.snapshot(NOW)['bearing']
     assert (part['azimuth'], part['sigma']) == pytest.approx((5.7, 1.1), abs=0.06)
     assert part['state'] == 'sound' and part['elevation'] is None and part['range'] is None and part['age'] == 0.2
-    assert part['band'] and part['line'] and part['centre'] is None
     assert state.snapshot(NOW)['delay'] == pytest.approx(0.2)
     assert state.snapshot(NOW)['heading'] == pytest.approx(math.degrees(0.4), abs=0.06)
 
@@ -41,18 +40,43 @@ def test_a_bearing_without_a_target_shows_nothing():
     state.camera = CAMERA
     state.on_bearing(bearing(state=Bearing.STATE_NONE, azimuth=math.nan, azimuth_variance=math.inf), NOW)
     part = state.snapshot(NOW)['bearing']
-    assert part['state'] == 'none' and part['band'] == part['line'] == [] and part['azimuth'] is None
+    state.on_picture(NOW - 0.1, (640, 480), None)
+    picture = state.snapshot(NOW)['picture']
+    assert part['state'] == 'none' and picture['band'] == picture['line'] == [] and part['azimuth'] is None
     assert row_of(state.snapshot(NOW))[COLUMNS.index('fused')] is None
 
 
 def test_boxes_are_shares_of_the_picture_with_their_azimuths():
     state = RigState()
     state.camera = CAMERA
-    state.on_detections(seen(319.5, 239.5), CameraMeasurement(NOW, ()))
-    (box,) = state.snapshot(NOW)['sight']['boxes']
-    assert (box['x'], box['width'], box['azimuth']) == pytest.approx((0.468, 0.0625, 0.0), abs=1e-3)
-    assert box['name'] == 'drone' and box['score'] == 0.8
-    assert state.snapshot(NOW + 5.0)['sight'] is None
+    detections = seen(319.5, 239.5)
+    state.on_detections(detections, CameraMeasurement(NOW, ()))
+    assert state.snapshot(NOW)['picture'] is None
+    state.on_picture(NOW - 0.1, (640, 480), detections)
+    (box,), (direction,) = (state.snapshot(NOW)[part]['boxes'] for part in ('picture', 'sight'))
+    assert (box['x'], box['width'], direction['azimuth']) == pytest.approx((0.468, 0.0625, 0.0), abs=1e-3)
+    assert box['name'] == 'drone' and box['score'] == direction['score'] == 0.8
+    assert state.snapshot(NOW + 5.0)['sight'] is None and state.snapshot(NOW + 5.0)['picture'] is None
+
+
+def test_what_is_drawn_on_a_picture_is_of_its_time():
+    """The rig turns past a target: the bearing at the time of the picture is drawn, not the newest one."""
+    state = RigState()
+    state.camera = CAMERA
+    for number in range(20):
+        time = NOW - 1.0 + 0.05 * number
+        state.on_bearing(bearing(azimuth=0.02 * number, stamp=time), time)
+        message, measurements = heard((0.02 * number, math.pi - 0.02 * number))
+        message.header.stamp = to_stamp(time)
+        state.on_doa(message, measurements)
+    for number in (4, 15):
+        state.on_picture(NOW - 1.0 + 0.05 * number, (640, 480), None)
+        picture = state.snapshot(NOW)['picture']
+        assert picture['line'] == picture['heard'][0] == CAMERA.meridian(0.02 * number)
+        assert picture['boxes'] == [] and not picture['detected']
+        assert picture['age'] == pytest.approx(1.0 - 0.05 * number, abs=0.01)
+    state.on_picture(NOW - 2.5, (640, 480), None)
+    assert state.snapshot(NOW)['picture']['line'] == []
 
 
 def test_truth_is_seen_from_the_rig():
@@ -126,6 +150,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.on_fusion(FusionState(sound_confidence=value, visibility=value, front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
     state.on_detections(seen(value, value, value, value, value), None)
+    state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))
     state.on_spectrum([0.0], value)
     state.on_truth('rig', pose(0.0, 0.0, 0.0))
     state.on_truth('target', pose(value, value, 0.0))

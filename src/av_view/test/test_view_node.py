@@ -16,13 +16,14 @@ from rcl_interfaces.msg import Log
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
+from view_messages import seen
+from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
 pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from websockets.sync.client import connect
 
 from av_common.node import Executor
-from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, AzimuthPosterior, Bearing, FusionState, Track, TrackArray, WorldTrackArray
@@ -32,7 +33,7 @@ from av_view.nodes.view_node import ViewNode
 from av_vision.messages import image_message
 
 pytestmark = pytest.mark.system
-LONG_S = 60.0
+LONG_S = 20.0
 
 
 class Rig:
@@ -59,7 +60,7 @@ class Rig:
         self.executor = Executor()
         for node in (self.node, self.fusion, self.view):
             self.executor.add_node(node)
-        self.azimuth = 0.5
+        self.azimuth, self.stamps = 0.5, []
         self.ending = threading.Event()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
@@ -91,12 +92,14 @@ class Rig:
         self.worlds.publish(WorldTrackArray(header=Header(stamp=to_stamp(now))))
         self.bearings.publish(Bearing(state=Bearing.STATE_VISUAL_ACTIVE, azimuth=self.azimuth, azimuth_variance=0.01,
                                       measured=to_stamp(now)))
+        self.stamps.append(now)
         self.images.publish(image_message(Header(stamp=to_stamp(now)), np.full((480, 960, 3), 90, np.uint8)))
         self.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='pointing_node: status', message='active')]))
 
     @contextmanager
-    def viewer(self):
-        with connect(f'ws://127.0.0.1:{self.view.server.port}/feed', max_size=None, proxy=None) as viewer:
+    def viewer(self, control=False):
+        offered = ['rig', self.view._access.token] if control else None
+        with connect(f'ws://127.0.0.1:{self.view.server.port}/feed', max_size=None, proxy=None, subprotocols=offered) as viewer:
             viewer.send('{"do": "watch"}')
             yield viewer
 
@@ -140,9 +143,13 @@ def receive(viewer, wanted):
     raise AssertionError('no such message')
 
 
-def ask(viewer, rig, **request):
-    viewer.send(json.dumps({'token': rig.view._access.token, **request}))
+def ask(viewer, **request):
+    viewer.send(json.dumps(request))
     return receive(viewer, lambda content: isinstance(content, dict) and content['type'] == 'answer')
+
+
+def is_health(content):
+    return isinstance(content, dict) and content['type'] == 'health' and {'enable', 'select', 'turn'} <= set(content['offers'])
 
 
 def is_state(content):
@@ -182,33 +189,37 @@ def test_markers_are_made_while_somebody_subscribes(rig):
 
 def test_enable_reaches_the_rig_with_the_token_only(rig):
     with rig.viewer() as viewer:
-        assert ask(viewer, rig, do='enable', value=True, token='wrong')['done'] is False and rig.enabled == []
-        given = ask(viewer, rig, do='enable', value=True)
+        assert ask(viewer, do='enable', value=True)['done'] is False and rig.enabled == []
+    with rig.viewer(control=True) as viewer:
+        receive(viewer, is_health)
+        given = ask(viewer, do='enable', value=True)
         assert given['done'] and given['words'] == 'commands move the rig' and rig.enabled == [True]
-        assert not ask(viewer, rig, do='enable', value='yes')['done'] and rig.enabled == [True]
-        assert 'not offered' in ask(viewer, rig, do='record', value=True)['words']
-        assert 'expected' in ask(viewer, rig, do='arm')['words']
+        assert not ask(viewer, do='enable', value='yes')['done'] and rig.enabled == [True]
+        assert 'not offered' in ask(viewer, do='record', value=True)['words']
+        assert 'expected' in ask(viewer, do='arm')['words']
 
 
 def test_a_target_is_selected_and_a_turn_is_asked_for_with_the_token_only(rig):
     with rig.viewer() as viewer:
         for request in ({'do': 'select', 'value': 3}, {'do': 'turn'}):
-            assert ask(viewer, rig, **request, token='wrong')['done'] is False and rig.asked == []
-        assert ask(viewer, rig, do='select', value=3)['done'] and rig.asked == [3]
-        assert ask(viewer, rig, do='select', value=4)['words'] == 'target 4 is not tracked'
-        assert ask(viewer, rig, do='turn')['words'] == 'a rotation is requested' and rig.asked[-1] == 'turn'
+            assert ask(viewer, **request)['done'] is False and rig.asked == []
+    with rig.viewer(control=True) as viewer:
+        receive(viewer, is_health)
+        assert ask(viewer, do='select', value=3)['done'] and rig.asked == [3]
+        assert ask(viewer, do='select', value=4)['words'] == 'target 4 is not tracked'
+        assert ask(viewer, do='turn')['words'] == 'a rotation is requested' and rig.asked[-1] == 'turn'
         for value in (-1, 2**32, 1.5, '3', None, True, [3]):
-            assert 'expected' in ask(viewer, rig, do='select', value=value)['words']
+            assert 'expected' in ask(viewer, do='select', value=value)['words']
 
 
 def test_marks_are_published_and_shown(rig):
     heard = []
     rig.node.create_subscription(Log, 'marks', heard.append, RESULT)
-    with rig.viewer() as viewer:
+    with rig.viewer(control=True) as viewer, rig.viewer() as guest:
         receive(viewer, is_state)
         assert wait_for(lambda: rig.node.count_publishers('/marks')), rig.view.refused.counts
-        assert ask(viewer, rig, do='mark', value='no', token='')['done'] is False
-        assert ask(viewer, rig, do='mark', value='  gust ' + 'x' * 1000)['done']
+        assert ask(guest, do='mark', value='no')['done'] is False
+        assert ask(viewer, do='mark', value='  gust ' + 'x' * 1000)['done']
         assert wait_for(lambda: heard) and heard[0].msg.startswith('gust x') and len(heard) == 1
         assert abs(heard[0].stamp.sec - time.time()) < LONG_S
         state = receive(viewer, lambda content: is_state(content) and content['state']['marks'])
@@ -252,40 +263,65 @@ def test_bags_are_listed_and_only_those_of_the_folder_are_opened(tmp_path):
     player.declare_parameter('bag', '')
     rig.executor.add_node(player)
     try:
-        with rig.viewer() as viewer:
+        with rig.viewer(control=True) as viewer, rig.viewer() as guest:
             receive(viewer, is_state)
-            assert ask(viewer, rig, do='bags', token='')['done'] is False
-            assert ask(viewer, rig, do='bags')['bags'] == ['walk.mcap']
+            assert ask(guest, do='bags')['done'] is False
+            assert ask(viewer, do='bags')['bags'] == ['walk.mcap']
             for name in ('../secret.mcap', f'{tmp_path}/secret.mcap', None, ''):
-                assert 'no bag' in ask(viewer, rig, do='open', value=name)['words']
-            assert wait_for(lambda: ask(viewer, rig, do='open', value='walk.mcap')['done'])
+                assert 'no bag' in ask(viewer, do='open', value=name)['words']
+            assert wait_for(lambda: ask(viewer, do='open', value='walk.mcap')['done'])
             assert player.get_parameter('bag').value == str(tmp_path / 'bags' / 'walk.mcap')
     finally:
         rig.close()
         player.destroy_node()
 
 
-def test_parameters_are_described_and_set_within_their_bounds(rig):
-    rig.node.declare_parameter('gain', 1.0, rclpy.node.ParameterDescriptor(
-        description='how much', floating_point_range=[rclpy.node.FloatingPointRange(from_value=0.0, to_value=2.0)]))
-    rig.node.declare_parameter('fixed', 1, rclpy.node.ParameterDescriptor(read_only=True))
-    rig.node.declare_parameter('later', 1, rclpy.node.ParameterDescriptor(additional_constraints=WHEN_CONFIGURED))
+def test_what_people_tune_is_shown_and_set_within_its_bounds_and_nothing_else(rig):
+    bounds = rclpy.node.FloatingPointRange(from_value=1.0, to_value=360.0)
+    rig.node.declare_parameter('yaw_rate_deg', 45.0, rclpy.node.ParameterDescriptor(
+        description='how fast', floating_point_range=[bounds]))
+    rig.node.declare_parameter('gimbal_rate_deg', 120.0, rclpy.node.ParameterDescriptor(read_only=True))
+    rig.node.declare_parameter('other', 1.0)
+    rig.fusion.declare_parameters('', [('tau', 0.5), ('confirm_threshold', 0.95)])
+    with rig.viewer(control=True) as viewer:
+        assert wait_for(lambda: len(ask(viewer, do='tuning').get('parameters', ())) == 3)
+        found = {one['name']: one for one in ask(viewer, do='tuning')['parameters']}
+        assert set(found) == {'tau', 'confirm_threshold', 'yaw_rate_deg'}
+        assert found['yaw_rate_deg'] == {'node': 'pointing_node', 'name': 'yaw_rate_deg', 'value': 45.0, 'bounds': [1.0, 360.0],
+                                         'words': 'how fast'}
+        assert ask(viewer, do='set', node='pointing_node', name='yaw_rate_deg', value=20)['done']
+        assert rig.node.get_parameter('yaw_rate_deg').value == 20.0
+        for value in (400.0, 'much', None, [1.0], 10**400):
+            assert not ask(viewer, do='set', node='pointing_node', name='yaw_rate_deg', value=value)['done']
+        for node, name in (('pointing_node', 'other'), ('/other/pointing_node', 'yaw_rate_deg'), ('', ''), (7, 7)):
+            assert 'not set here' in ask(viewer, do='set', node=node, name=name, value=2.0)['words']
+        assert rig.node.get_parameter('yaw_rate_deg').value == 20.0 and rig.node.get_parameter('other').value == 1.0
+
+
+def test_boxes_come_with_the_picture_they_were_found_in(rig):
+    """A detector that is 0.3 s late: the picture waits for it. One that has ended: the newest picture, without boxes."""
+    detections = rig.fusion.create_publisher(Detection2DArray, 'detections', RESULT)
+    stamps, late = [], 0.3
+    rig.stamps = stamps
+
+    def detect():
+        if stamps and rig.view.now() - stamps[0] >= late:
+            message = seen(100.0 + stamps[0] % 500, 100.0)
+            message.header.stamp = to_stamp(stamps.pop(0))
+            detections.publish(message)
+    timer = rig.fusion.create_timer(0.02, detect)
     with rig.viewer() as viewer:
-        assert wait_for(lambda: ask(viewer, rig, do='parameters', node='/pointing_node')['done'])
-        found = {one['name']: one for one in ask(viewer, rig, do='parameters', node='/pointing_node')['parameters']}
-        assert found['gain'] == {'name': 'gain', 'value': 1.0, 'bounds': [0.0, 2.0], 'words': 'how much', 'constraints': ''}
-        assert not {'fixed', 'later'} & set(found)
-        assert ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=2)['done']
-        assert rig.node.get_parameter('gain').value == 2.0
-        for value in (3.0, 'much', None, [1.0], 10**400):
-            assert not ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=value)['done']
-        assert not ask(viewer, rig, do='set', node='/pointing_node', name='none', value=1)['done']
-        for node in ('/other/node', 'pointing_node', '/pointing_node; rm', '', 7):
-            assert 'expected' in ask(viewer, rig, do='parameters', node=node)['words']
-        assert rig.node.get_parameter('gain').value == 2.0
+        for _ in range(20):
+            state = receive(viewer, lambda content: is_state(content) and (content['state']['picture'] or {}).get('boxes'))
+            picture, now = state['state']['picture'], state['state']['time']
+            taken = picture['boxes'][0]['x'] * 960 + 20.0 - 100.0  # modulo 500, by the box
+            assert abs((now - picture['age'] - taken + 250.0) % 500 - 250.0) < 0.1
+        rig.fusion.destroy_timer(timer)
+        assert receive(viewer, lambda content: is_state(content) and content['state']['picture']
+                       and not content['state']['picture']['detected'])['state']['picture']['boxes'] == []
 
 
 @pytest.mark.parametrize('rig', [()], indirect=True)
 def test_by_default_it_is_read_only(rig):
     with rig.viewer() as viewer:
-        assert 'read-only' in ask(viewer, rig, do='enable', value=True)['words'] and rig.enabled == []
+        assert 'read-only' in ask(viewer, do='enable', value=True)['words'] and rig.enabled == []

@@ -23,6 +23,7 @@ def bearing(**values):
     message = Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, source=Bearing.SOURCE_SOUND, azimuth=0.1, azimuth_variance=0.0004,
                       elevation_variance=math.inf, range=math.nan, range_variance=math.inf, hemisphere_probability=0.7,
                       measured=to_stamp(NOW - 0.2), attitude_known=True, azimuth_world=0.5)
+    message.header.stamp = to_stamp(values.pop('stamp', NOW - 0.1))
     for name, value in values.items():
         setattr(message, name, value)
     return message

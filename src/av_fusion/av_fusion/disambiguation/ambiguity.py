@@ -18,15 +18,16 @@ class Ambiguity:
     """The ambiguity of one target, with hysteresis.
 
     Attributes:
+        confirm: probability from which it counts as resolved.
         resolved: whether it is resolved.
         share: probability of the primary direction, as of the newest decision.
 
     Parameters:
-        confirm: probability from which it counts as resolved.
+        confirm: see the attribute.
     """
 
     def __init__(self, confirm: float) -> None:
-        self._confirm = confirm
+        self.confirm = confirm
         self.resolved, self.share = False, 0.0
 
     def decide(self, mixture: GaussianMixture, primary: GaussianComponent, front: float, mirror_axis: Vector | None,
@@ -43,7 +44,7 @@ class Ambiguity:
         self.share = mixture.share_of(primary, axis)
         overhead = abs(dot(primary.direction, (attitude[0][2], attitude[1][2], attitude[2][2]))) > OVERHEAD
         hemisphere = 1.0 if overhead else max(front, 1.0 - front)
-        confirmed = min(self.share, hemisphere) >= self._confirm
+        confirmed = min(self.share, hemisphere) >= self.confirm
         kept = self.resolved and self.share >= RELEASE
         self.resolved = confirmed or axis is None or kept
 
@@ -60,7 +61,7 @@ class Ambiguity:
             (across, _), (_, up) = c.covariance[:2, :2].tolist()
             candidates.append(Candidate(remainder(c.azimuth - yaw, tau), across, c.across_rate, float(c.covariance[2, 2]),
                                         c.weight, c.elevation, up))
-        if self.share < self._confirm:
+        if self.share < self.confirm:
             return candidates
         first = max(candidates, key=lambda candidate: candidate.weight)  # one direction close to the axis: either side
         mirrored = remainder(2.0 * math.atan2(axis[1], axis[0]) - first.azimuth, tau)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from av_common.angles import wrap
@@ -115,7 +115,7 @@ class GatedTracker:
         time, best = usable.time - self.settings.sight_delay, usable.best
         self._target.visibility = usable.visibility
         self.machine.on_image(time, best.score if best else 0.0)
-        if best and best.score >= self.settings.machine.tau:
+        if best and best.score >= self.machine.settings.tau:
             self._target.detection = (time, best)
             self._target.unambiguous = (time, self._world_azimuth(time, best))
 
@@ -157,6 +157,10 @@ class GatedTracker:
 
     def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """See `Tracker`: the published method takes no cues."""
+
+    def tune(self, tau: float, confirm_threshold: float) -> None:
+        """See `Tracker`."""
+        self.machine.settings = replace(self.machine.settings, tau=tau)
 
     def forget_emitters(self) -> int:
         """See `Tracker`: the published method knows no emitters."""

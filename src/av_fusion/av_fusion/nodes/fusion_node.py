@@ -41,6 +41,8 @@ class FusionNode(RigNode):
         'min_sound_confidence', 'rate_sigma_deg', 'rotation.fixed_deg', 'rotation.patience', 'rotation.sector_deg',
         'self_calibration.memory', 'sight_timeout', 'sound_timeout', 'targets.acceleration_density'), 'it is a constant')
 
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'tau', 'confirm_threshold'})
+
     def __init__(self) -> None:
         super().__init__('fusion_node', parameters)
 
@@ -85,6 +87,10 @@ class FusionNode(RigNode):
     def check_parameters(settings: Any) -> None:
         """Thresholds and limits must fit each other."""
         make_tracker(settings)
+
+    def apply_parameters(self) -> None:
+        """Use other thresholds; the tracks stay."""
+        self._stage.tracker.tune(self.settings.tau, self.settings.confirm_threshold)
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()

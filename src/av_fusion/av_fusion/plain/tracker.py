@@ -120,6 +120,10 @@ class PlainTracker:
     def use_cue(self, cue: Any, variance: float, wrong: float) -> None:
         """See `Tracker`: what others say is not used."""
 
+    def tune(self, tau: float, confirm_threshold: float) -> None:
+        """See `Tracker`."""
+        self.tau = tau
+
     def forget_emitters(self) -> int:
         """See `Tracker`: none are known."""
         return 0

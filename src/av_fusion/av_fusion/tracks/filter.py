@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -53,6 +54,12 @@ class MultiBernoulliFilter:
         self.tracks: list[Track] = []
         self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
         self._undetected = self._settings.undetected_first
+
+    def confirm_from(self, threshold: float) -> None:
+        """Count front-back ambiguities as resolved from another probability on."""
+        self._settings = replace(self._settings, confirm_threshold=threshold)
+        for track in self.tracks:
+            track.ambiguity.confirm = threshold
 
     def turn_world(self, rows: Rows) -> None:
         """Turn all tracks with the world, where the rig's attitude was corrected."""

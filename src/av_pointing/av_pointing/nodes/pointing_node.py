@@ -26,7 +26,7 @@ from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import PERIOD_S
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
-from av_pointing.settings import pointing_settings
+from av_pointing.settings import pointing_settings, with_gimbal
 from av_pointing.stage import make_pointing_stage
 
 
@@ -37,6 +37,8 @@ class PointingNode(RigNode):
         'vehicle_dead_time': 'it is learned', 'vehicle_lag': 'it is learned',
         **dict.fromkeys(('search_rate_deg', 'dead_band_deg', 'lead', 'stale_after', 'coast_sigma_deg'), 'it is a constant')}
 
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'gimbal_rate_deg', 'yaw_rate_deg'})
+
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
         # As they were left, also by the process before.
@@ -46,8 +48,8 @@ class PointingNode(RigNode):
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
-        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
-        self._stage = make_pointing_stage(self._settings, gimbal)
+        self._gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        self._stage = make_pointing_stage(self._settings, self._gimbal)
         self._stage.controller.enabled = self._enabled.value
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
@@ -81,6 +83,10 @@ class PointingNode(RigNode):
     def check_parameters(settings: Any) -> None:
         """Limits must enclose the neutral angle."""
         pointing_settings(settings)
+
+    def apply_parameters(self) -> None:
+        """Use other limits of rate from the next command on."""
+        self._stage.controller.limit_rates(with_gimbal(pointing_settings(self.settings), self._gimbal))
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
@@ -124,6 +130,7 @@ class PointingNode(RigNode):
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('enabled', str(self._stage.controller.enabled))
+        status.add('may move', self._stage.controller.may_move)
         if self._settings.move_body:
             self._diagnose_body(status)
         if self._stage.command is not None:

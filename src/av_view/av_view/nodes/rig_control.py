@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import queue
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Any, NamedTuple
 
@@ -18,14 +17,14 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
-from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
 from av_view.bag_folder import BagFolder
 
 TIMEOUT_S = 5.0
-NODE_NAME = re.compile(r'(/[A-Za-z_]\w*)+')
-MOST_PARAMETERS, LONGEST_MARK = 200, 200
+LONGEST_MARK = 200  # characters
+# Parameters that people tune while they look, by nodes of the rig.
+TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('gimbal_rate_deg', 'yaw_rate_deg')}
 # Values of parameters that a page can enter.
 KINDS = {ParameterType.PARAMETER_BOOL: Parameter.Type.BOOL, ParameterType.PARAMETER_INTEGER: Parameter.Type.INTEGER,
          ParameterType.PARAMETER_DOUBLE: Parameter.Type.DOUBLE, ParameterType.PARAMETER_STRING: Parameter.Type.STRING}
@@ -88,7 +87,7 @@ class RigControl:
         """Carry out a request. Raises ValueError, TypeError or KeyError for one that is none, TimeoutError without an answer.
 
         Parameters:
-            name: of the action: one of SERVICES, `mark`, `bags`, `open`, `parameters` or `set`.
+            name: of the action: one of SERVICES, `mark`, `bags`, `open`, `seek`, `tuning` or `set`.
             rig: namespace of the rig.
             request: values of the action.
         """
@@ -114,8 +113,15 @@ class RigControl:
         present = {name for name, _ in self._node.get_service_names_and_types()}
         return [action for action, service in SERVICES.items() if f'{rig}/{service.name}' in present]
 
-    def open_marks(self, rig: str) -> None:
-        """Make the topic of a rig's marks known before the first one, so that recorders and viewers get it."""
+    def prepare(self, rig: str, offers: Iterable[str]) -> None:
+        """Make clients and the topic of marks known before the first request, which is late otherwise, a stop among them.
+
+        Parameters:
+            rig: namespace of the rig.
+            offers: see `offers`.
+        """
+        for action in offers:
+            self._client(f'{rig}/{SERVICES[action].name}', SERVICES[action].kind)
         if rig not in self._marks:
             self._marks[rig] = self._node.create_publisher(Log, f'{rig}/marks', RESULT)
 
@@ -132,20 +138,19 @@ class RigControl:
             return lambda done: done({'done': True, 'words': '', 'bags': self._bags.names()})
         if name == 'open':
             return lambda done: self._set(f'{rig}/player_node', 'bag', self._bags.path(request['value']), done)
-        if name in ('parameters', 'set'):
-            node = str(request['node'])
-            if not NODE_NAME.fullmatch(node) or node.rpartition('/')[0] != rig:
-                raise ValueError(f'node is {node[:80]!r}, expected one of the rig')
-            if name == 'parameters':
-                return lambda done: self._describe(node, done)
-            parameter, value = str(request['name']), request['value']
-            return lambda done: self._set(node, parameter, value, done)
-        raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, parameters or set')
+        if name == 'tuning':
+            return lambda done: self._describe(rig, done)
+        if name == 'seek':
+            return lambda done: self._set(f'{rig}/player_node', 'position', request['value'], done)
+        if name == 'set':
+            node, parameter, value = str(request['node']), str(request['name']), request['value']
+            if parameter not in TUNABLE.get(node, ()):
+                raise ValueError(f'{node[:80]}: {parameter[:80]} is not set here, only {TUNABLE}')
+            return lambda done: self._set(f'{rig}/{node}', parameter, value, done)
+        raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, seek, tuning or set')
 
     def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
-        if service not in self._clients:
-            self._clients[service] = self._node.create_client(kind, service)
-        client = self._clients[service]
+        client = self._client(service, kind)
         if not client.service_is_ready():
             raise ValueError(f'{service} is not offered at the moment: try again')
 
@@ -158,6 +163,11 @@ class RigControl:
         else:
             call()
 
+    def _client(self, service: str, kind: Any) -> Any:
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(kind, service)
+        return self._clients[service]
+
     def _mark(self, rig: str, text: str, done: Done) -> None:
         """Publish a mark with the time of the rig's clock."""
         if rig not in self._marks:
@@ -166,35 +176,40 @@ class RigControl:
                                      msg=text or 'mark'))
         done({'done': True, 'words': f'marked: {text or "mark"}'})
 
-    def _client(self, node: str) -> AsyncParameterClient:
+    def _parameters_of(self, node: str, ready: bool = True) -> AsyncParameterClient:
+        """The client of a node's parameters. Raises ValueError where it shall be `ready` and is not."""
         if node not in self._parameters:
             self._parameters[node] = AsyncParameterClient(self._node, node)
-        if not self._parameters[node].services_are_ready():
+        if ready and not self._parameters[node].services_are_ready():
             raise ValueError(f'{node} does not answer at the moment: try again')
         return self._parameters[node]
 
-    def _describe(self, node: str, done: Done) -> None:
-        """The parameters of a node that can be changed at run time: three requests after one another."""
-        client = self._client(node)
+    def _describe(self, rig: str, done: Done) -> None:
+        """What can be tuned: two requests to each node of TUNABLE that answers. Those that do not are left out."""
+        found: list[dict[str, Any]] = []
+        ready = [node for node in TUNABLE if self._parameters_of(f'{rig}/{node}', False).services_are_ready()]
+        missing = set(ready)
 
-        def described(names: list[str], descriptors: list[ParameterDescriptor]) -> None:
-            kept = [(name, one) for name, one in zip(names, descriptors, strict=True)
-                    if not one.read_only and one.type in KINDS and one.additional_constraints != WHEN_CONFIGURED]
-            client.get_parameters([name for name, _ in kept]).add_done_callback(lambda future: done(
-                {'done': True, 'words': '', 'parameters': [
-                    _entry(name, descriptor, parameter_value_to_python(value))
-                    for (name, descriptor), value in zip(kept, future.result().values, strict=True)]}))
+        def got(node: str, descriptors: list[ParameterDescriptor], values: list[Any]) -> None:
+            found.extend(_entry(node, descriptor, parameter_value_to_python(value))
+                         for descriptor, value in zip(descriptors, values, strict=True) if not descriptor.read_only)
+            missing.discard(node)
+            if not missing:
+                done({'done': True, 'words': '', 'parameters': sorted(found, key=lambda one: one['name'])})
 
-        def listed(names: list[str]) -> None:
-            client.describe_parameters(names).add_done_callback(
-                lambda future: described(names, future.result().descriptors))
+        def described(node: str, descriptors: list[ParameterDescriptor]) -> None:
+            self._parameters_of(f'{rig}/{node}').get_parameters(list(TUNABLE[node])).add_done_callback(
+                lambda future: got(node, descriptors, future.result().values))
 
-        client.list_parameters([], 0).add_done_callback(
-            lambda future: listed(sorted(future.result().result.names)[:MOST_PARAMETERS]))
+        for node in ready:
+            self._parameters_of(f'{rig}/{node}').describe_parameters(list(TUNABLE[node])).add_done_callback(
+                lambda future, node=node: described(node, future.result().descriptors))
+        if not ready:
+            done({'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'})
 
     def _set(self, node: str, name: str, value: Any, done: Done) -> None:
         """Set a parameter to a value of its own type; the node checks the bounds."""
-        client = self._client(node)
+        client = self._parameters_of(node)
 
         def described(kind: int) -> None:
             if kind not in KINDS:
@@ -216,9 +231,8 @@ def _result(result: Any) -> dict[str, Any]:
     return {'done': bool(result.successful), 'words': result.reason or 'set'}
 
 
-def _entry(name: str, descriptor: ParameterDescriptor, value: Any) -> dict[str, Any]:
+def _entry(node: str, descriptor: ParameterDescriptor, value: Any) -> dict[str, Any]:
     """A parameter for a page: value, bounds and description."""
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     bounds = [ranges[0].from_value, ranges[0].to_value] if ranges else None
-    return {'name': name, 'value': value, 'bounds': bounds, 'words': descriptor.description,
-            'constraints': descriptor.additional_constraints}
+    return {'node': node, 'name': descriptor.name, 'value': value, 'bounds': bounds, 'words': descriptor.description}

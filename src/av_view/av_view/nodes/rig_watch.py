@@ -41,7 +41,8 @@ from av_view.coherence import Coherence
 from av_view.feed import Feed
 from av_view.foxglove_port import Shown
 from av_view.markers import markers, world_markers
-from av_view.picture import Picture
+from av_view.numbers import STALE_S
+from av_view.picture import Picture, RecentImages
 from av_view.rig_state import RigState
 from av_view.rows import row_of
 from av_view.spectrum import spectrum
@@ -51,6 +52,7 @@ JPEG_QUALITY = 70  # of the pictures
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
 CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
 NEWEST, NEWEST_RESULT = (QoSProfile(depth=1, reliability=qos.reliability) for qos in (STREAM, RESULT))
+ALL_IMAGES = QoSProfile(depth=10, reliability=STREAM.reliability)  # between two updates
 Take = Callable[[Any, float], None]  # of a message and the time at which it was published (s)
 
 
@@ -85,7 +87,8 @@ class RigWatch:
         self.seen = time.monotonic()
         self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
         self._state = state = RigState()
-        self._picture: Picture | None = None
+        self._images, self._detections = RecentImages(), Detection2DArray()
+        self._pictured = (0, False)  # stamp (ns) of the image that is shown, and whether its detections are
         self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._topics: dict[str, _Topic] = {}
@@ -96,7 +99,7 @@ class RigWatch:
         # In the order in which they are taken: the camera before what is seen through it.
         self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
                    period=CAMERA_PERIOD_S)
-        self._read(Image, 'camera/image_raw', self._on_image)
+        self._read(Image, 'camera/image_raw', lambda data, _: self._images.add(data), ALL_IMAGES, decode=bytes)
         self._read(Bearing, 'target/bearing', state.on_bearing, NEWEST_RESULT)
         self._read(FusionState, 'fusion/state', state.on_fusion, NEWEST_RESULT)
         self._read(TrackArray, 'targets', state.on_tracks, NEWEST_RESULT)
@@ -106,6 +109,7 @@ class RigWatch:
         self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
         self._read(Detection2DArray, 'detections', self._on_detections)
         self._read(AudioFrame, 'audio/frames', self._on_audio, period=SPECTRUM_PERIOD_S)
+        self._decode_image = deserialiser('sensor_msgs/msg/Image')
         self._entities = [entity for entity in node.entities() if entity not in before]
 
     def find_topics(self) -> None:
@@ -119,17 +123,25 @@ class RigWatch:
                 self._read(WorldTrackArray, WORLD, self._state.world.on_tracks, NEWEST_RESULT, topic)
         self._entities += [entity for entity in self._node.entities() if entity not in before]
 
-    def update(self) -> None:
-        """Put the present state into the feed."""
+    def update(self, pictures: bool) -> None:
+        """Put the present state into the feed.
+
+        Parameters:
+            pictures: whether somebody sees them.
+        """
         now, offset = time.monotonic(), self._node.now() - time.time()
         for name, topic in self._topics.items():
             if now >= topic.due:
                 for data, published in topic.reader.take():
                     topic.due = now + topic.period
                     self._take(name, topic, data, published + offset)
-        snapshot, picture = self._state.snapshot(self._node.now()), self._picture
-        new = b'' if picture is None or picture is self.shown.picture else picture.data
-        self.shown = Shown(snapshot, picture)
+        try:
+            picture = self._new_picture(pictures)
+        except BAD_INPUT as error:
+            self._node.refused.refuse('camera/image_raw', error)
+            picture = None
+        snapshot = self._state.snapshot(self._node.now())
+        self.shown, new = Shown(snapshot, picture or self.shown.picture), picture.data if picture else b''
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
         self._put(lambda feed: feed.put(state, row, new))
 
@@ -144,10 +156,11 @@ class RigWatch:
         """End the subscriptions."""
         self._node.destroy_entities(self._entities)
 
-    def _read(self, kind: Any, topic: str, take: Take, qos: QoSProfile = NEWEST, name: str = '', period: float = 0.0) -> None:
+    def _read(self, kind: Any, topic: str, take: Take, qos: QoSProfile = NEWEST, name: str = '', period: float = 0.0,
+              decode: Callable[[bytes], Any] | None = None) -> None:
         """Look at a topic, which has another `name` where it is not one of the rig, at each update, or once a `period` (s)."""
         reader = self._node.create_reader(kind, name or f'{self._rig}/{topic}', qos)
-        decode = deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
+        decode = decode or deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
         self._topics[topic] = _Topic(kind, reader, decode, take, period)
 
     def _take(self, name: str, topic: _Topic, data: bytes, published: float) -> None:
@@ -160,12 +173,32 @@ class RigWatch:
 
     def _on_detections(self, message: Detection2DArray, _published: float) -> None:
         self._state.on_detections(message, self._converter.detections(message))
+        self._detections = message
 
-    def _on_image(self, message: Image, _published: float) -> None:
+    def _new_picture(self, encode: bool) -> Picture | None:
+        """The image in which the newest detections were made, so that boxes fit; without detections the newest image.
+
+        None where it is shown already, or where it is not to be encoded.
+        """
+        header = self._detections.header
+        stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+        detected = self._node.now() - 1e-9 * stamp < STALE_S
+        data = self._images.get(stamp) if detected else None
+        if data is None and not (detected and self._pictured[1] and self._images.get(self._pictured[0])):
+            stamp, detected, data = self._images.newest, False, self._images.get(self._images.newest)
+        if data is None or (stamp, detected) == self._pictured:
+            return None
+        first, self._pictured = stamp != self._pictured[0], (stamp, detected)
+        message = self._decode_image(data)
         taken, image = to_seconds(message.header.stamp), image_from_message(message)
-        self._picture = Picture.of(image, taken, self._settings.picture_width, JPEG_QUALITY)
+        self._look_through(message.header.frame_id, taken)
+        self._state.on_picture(taken, (message.width, message.height), self._detections if detected else None)
+        return Picture.of(image, taken, self._settings.picture_width, JPEG_QUALITY) if encode and first else None
+
+    def _look_through(self, frame: str, time: float) -> None:
+        """Note how the camera is turned at the time (s) of a picture."""
         model = self._converter.camera
-        rotation = None if model is None else self._rotations.rotation(message.header.frame_id, taken)
+        rotation = None if model is None else self._rotations.rotation(frame, time)
         known = self._state.camera
         if model is None or rotation is None:
             self._state.camera = None

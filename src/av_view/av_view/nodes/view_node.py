@@ -17,10 +17,11 @@ from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from av_common.guarded_node import decode
+from av_common.launched import restarts
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_common.refused_inputs import BAD_INPUT
-from av_view.access import Access
+from av_view.access import Access, PrivateAddress
 from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.foxglove_port import FoxglovePort
@@ -28,7 +29,7 @@ from av_view.health import MOST_NODES, Health
 from av_view.memory import settle
 from av_view.nodes.rig_control import RigControl
 from av_view.nodes.view_node_parameters import view_node as parameters
-from av_view.server import ServerSettings, ViewServer
+from av_view.server import ViewServer
 
 if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
@@ -49,8 +50,8 @@ class ViewNode(RigNode):
     """
 
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'most_updates': 'it is 60 Hz', 'most_viewers': 'it is 300', 'jpeg_quality': 'it is 70', 'linger': 'it is 20 s',
-        'niceness': 'it is 10'}
+        'most_updates': 'it is 200 Hz', 'most_viewers': 'it is 100, and 20 with the token', 'jpeg_quality': 'it is 70',
+        'linger': 'it is 20 s', 'niceness': 'it is 10'}
 
     def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)
@@ -59,7 +60,8 @@ class ViewNode(RigNode):
     def configure(self) -> None:
         """Start with no rig and no viewer."""
         self._settings = settings = self.settings
-        self._access = Access(settings.view_control, settings.allowed_hosts)
+        kept = PrivateAddress(settings.port).token() if restarts() and settings.port else ''
+        self._access = Access(settings.view_control, settings.allowed_hosts, kept)
         self._health = Health()
         self._watches: dict[str, RigWatch] = {}
         self._looked = self._heard = 0.0
@@ -72,14 +74,13 @@ class ViewNode(RigNode):
         settings = self._settings
         self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
         self._control = RigControl(self, BagFolder(settings.bags))
-        self.server = ViewServer(
-            ServerSettings(settings.bind_address, settings.port, settings.rate, rig=self._own), self._access, self._control.act)
+        self.server = ViewServer(settings.bind_address, settings.port, self._access, self._control.act)
         try:
             self.server.start()
         except OSError as error:
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
                           'a second one choose another port') from error
-        self.get_logger().info(f'the rig in your browser: {self._address()}')
+        self._announce()
         if self._owns_process:
             lower_priority(NICENESS)
         self._diagnostics = self.while_active(self.create_reader, DiagnosticArray, '/diagnostics', DIAGNOSTICS)
@@ -93,23 +94,30 @@ class ViewNode(RigNode):
             self._foxglove.close()
         self.server.stop()
 
-    def _address(self) -> str:
-        """Address of the page, with the token where there is one."""
+    def _announce(self) -> None:
+        """Say where the page is; with control the address with the token is in a private file. Raises OSError."""
         host = self._settings.bind_address.replace('0.0.0.0', '127.0.0.1')
-        token = f'#{self._access.token}' if self._access.token else ''
-        return f'http://{f"[{host}]" if ":" in host else host}:{self.server.port}/{token}'
+        address, how = f'http://{f"[{host}]" if ":" in host else host}:{self.server.port}/', 'read-only'
+        if self._access.token:
+            private = PrivateAddress(self.server.port)
+            private.write(f'{address}#{self._access.token}')
+            how = f'read-only; the address with control is in {private.file}'
+        self.get_logger().info(f'the rig in your browser: {address} ({how})')
 
     def _update(self) -> None:
-        now, wanted = time.monotonic(), self.server.watched()
+        now, watched = time.monotonic(), self.server.watched()
         self._control.work()
         due = now - self._looked >= HEALTH_PERIOD_S
+        if watched and (due or None in watched):
+            self.server.set_rigs(self._rigs())
+        wanted = {rig for rig in watched if rig is not None}
         if due:
             self._looked = now
             self._marked = self._markers.get_subscription_count() > 0
             self._in_foxglove = self._foxglove is not None and self._foxglove.watched
         if self._marked or self._in_foxglove:
             wanted.add(self._own)
-        self._watch_wanted(wanted, now)
+        self._watch_wanted(wanted, watched, now)
         own = self._watches.get(self._own)
         if own is not None and self._marked:
             self._markers.publish(own.markers())
@@ -118,10 +126,16 @@ class ViewNode(RigNode):
         if due and (self._watches or now - self._heard >= UNSEEN_PERIOD_S):
             self._look(now)
 
-    def _watch_wanted(self, wanted: set[str], now: float) -> None:
-        """Update the rigs that somebody looks at, and end those at which nobody has looked for a while."""
+    def _watch_wanted(self, wanted: set[str], watched: set[str | None], now: float) -> None:
+        """Update the rigs that somebody looks at, and end those at which nobody has looked for a while.
+
+        Parameters:
+            wanted: namespaces of rigs whose state somebody wants.
+            watched: namespaces of rigs on the page, which wants pictures, too.
+            now (s): the present.
+        """
         for rig in wanted:
-            if rig not in self._watches and rig in (*self._rigs(), self._own):
+            if rig not in self._watches and (rig == self._own or rig in self._rigs()):
                 self._watches[rig] = self._watch(rig)
                 self._looked = 0.0
         for rig, watch in list(self._watches.items()):
@@ -129,10 +143,10 @@ class ViewNode(RigNode):
             if now - watch.seen > LINGER_S:
                 self._unwatch(rig)
             else:
-                watch.update()
+                watch.update(rig in watched or self._in_foxglove)
 
     def _look(self, now: float) -> None:
-        """What is done once a second: find rigs and true poses, and report health."""
+        """What is done once a second: find true poses, and report health."""
         self._heard = now
         for data, _ in self._diagnostics.take():
             try:
@@ -141,18 +155,23 @@ class ViewNode(RigNode):
                 self.refused.refuse('/diagnostics', error)
         if not self._watches:
             return
-        self.server.set_rigs(self._rigs())
         for rig, watch in self._watches.items():
             watch.find_topics()
+            offers = self._control.offers(rig)
             if self._settings.view_control:
-                self._control.open_marks(rig)
-            report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': self._control.offers(rig)}
+                self._control.prepare(rig, offers)
+            report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': offers}
             self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
 
     def _rigs(self) -> tuple[str, ...]:
-        """Namespaces in which a bearing is published; without any this node's own."""
-        found = {topic.removesuffix(BEARING) for topic, _ in self.get_topic_names_and_types() if topic.endswith(BEARING)}
-        return tuple(sorted(found)) or (self._own,)
+        """Namespaces in which a bearing is published or read by others than this node, its own first."""
+        found = []
+        for topic, _ in self.get_topic_names_and_types():
+            rig = topic.removesuffix(BEARING)
+            others = self.count_publishers(topic) + self.count_subscribers(topic) - (rig in self._watches)
+            if topic.endswith(BEARING) and others > 0:
+                found.append(rig)
+        return tuple(sorted(found, key=lambda rig: (rig != self._own, rig)))
 
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports

@@ -1,8 +1,7 @@
 // What is drawn of a rig: overlay of the picture, directions from above, map, and diagrams.
 'use strict';
 
-const TAIL_S = 15, RIM = 84, JUMP = 20; // degrees from which a tail is broken, as where front and back change places
-const signed = value => (value > 0 ? '+' : '') + value.toFixed(1);
+const TAIL_S = 15, RIM = 84, ERROR_DEG = 5, JUMP = 20; // degrees from which a tail is broken, as where front and back change places
 
 function element(parent, name, attributes, text) {
   const made = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -12,23 +11,29 @@ function element(parent, name, attributes, text) {
 }
 
 function showOverlay() {
-  const image = $('picture'), svg = $('overlay'), width = image.naturalWidth || 640, height = image.naturalHeight || 480;
-  if (performance.now() - pictureTime > 2000) { image.hidden = true; $('no-picture').hidden = false; }
-  image.parentElement.style.aspectRatio = `${width} / ${height}`;
+  const { picture, sight, tracks } = state, image = $('picture'), svg = $('overlay'), width = image.naturalWidth || 640, height = image.naturalHeight || 480;
+  image.hidden = !picture || !image.src; $('no-picture').hidden = !image.hidden;
+  document.documentElement.style.setProperty('--aspect', width / height);
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
   svg.replaceChildren();
+  $('picture-note').textContent = !picture ? '' : [picture.age > 0.15 ? `${picture.age.toFixed(1)} s ago` : 'now', picture.detected ? `${picture.boxes.length || 'nothing'} seen` : sight ? 'detections of other pictures are not drawn' : 'no detections'].join(', ');
+  if (!picture) return;
   const path = points => points.map(([x, y]) => `${x * width},${y * height}`).join(' ');
-  const { bearing, sound, sight, tracks } = state;
-  if (bearing?.band.length) element(svg, 'polygon', { class: 'band', points: path(bearing.band) });
-  for (const group of sound?.groups ?? []) for (const image of group.images) if (image.line.length) element(svg, 'polyline', { class: 'heard', points: path(image.line) });
-  if (bearing?.line.length) element(svg, 'polyline', { class: 'line', points: path(bearing.line) });
-  if (bearing?.centre) element(svg, 'circle', { class: 'centre', cx: bearing.centre[0] * width, cy: bearing.centre[1] * height, r: 14 });
-  for (const box of sight?.boxes ?? []) if (box.x !== undefined) {
+  if (picture.band.length) element(svg, 'polygon', { class: 'band', points: path(picture.band) });
+  for (const heard of picture.heard) if (heard.length) element(svg, 'polyline', { class: 'heard', points: path(heard) });
+  if (picture.line.length) element(svg, 'polyline', { class: 'line', points: path(picture.line) });
+  if (picture.centre) element(svg, 'circle', { class: 'centre', cx: picture.centre[0] * width, cy: picture.centre[1] * height, r: 14 });
+  for (const box of picture.boxes) if (![box.x, box.y, box.width, box.height].includes(null)) {
     element(svg, 'rect', { class: 'box', x: box.x * width, y: box.y * height, width: box.width * width, height: box.height * height });
-    element(svg, 'text', { x: box.x * width, y: Math.max(box.y * height - 5, 14) }, `${box.name} ${(box.score ?? 0).toFixed(2)}`);
+    label(svg, box.x * width, Math.max(box.y * height - 5, 14), `${box.name === 'drone' ? '' : `${box.name.replaceAll('_', ' ')} `}seen${sure(box.score)}`, width);
   }
-  for (const track of tracks) if (track.point) element(svg, 'text', { x: track.point[0] * width + 8, y: track.point[1] * height + 16 }, `#${track.id} ${track.name}`);
-  $('picture-note').textContent = sight ? `${sight.boxes.length} ${sight.boxes.length === 1 ? 'detection' : 'detections'}, ${Math.round(1000 * sight.age)} ms old` : 'no detections';
+  for (const track of tracks) if (track.point) label(svg, track.point[0] * width + 16, track.point[1] * height + 28, nameOf(track), width);
+}
+
+// A text that stays within the picture.
+function label(svg, x, y, words, width) {
+  const text = element(svg, 'text', { x, y }, words);
+  text.setAttribute('x', Math.max(2, Math.min(x, width - 4 - text.getComputedTextLength())));
 }
 
 // Position on the polar view of an azimuth in degrees (counter-clockwise from ahead) at a radius.
@@ -92,7 +97,7 @@ function showTracks(svg, tracks) {
     element(svg, 'path', { class: 'tail', d: tails.get(track.id).map(([, azimuth, radius], i, all) =>
       `${i && Math.abs(difference(azimuth, all[i - 1][1])) < JUMP ? 'L' : 'M'}${at(azimuth + offset, radius)}`).join('') });
     element(svg, 'circle', { class: `track ${track.selected ? 'selected' : ''}`, cx, cy, r: 3.5 });
-    element(svg, 'text', { class: 'name', x: cx + 6, y: cy + 3 }, `#${track.id} ${track.name}${track.range ? ` ${Math.round(track.range)} m` : ''}`);
+    element(svg, 'text', { class: 'name', x: cx + 6, y: cy + 3 }, `${nameOf(track)}${track.range ? `, ${Math.round(track.range)} m` : ''}`);
   }
 }
 
@@ -120,7 +125,7 @@ function showMap() {
     element(svg, 'polyline', { class: 'tail', points: points(mapTails.get(track.id).map(([, x, y]) => place(x, y))) });
     if (track.positioned) element(svg, 'ellipse', { class: 'sigma', cx, cy, rx: long * scale, ry: short * scale, transform: `rotate(${-angle} ${cx} ${cy})` });
     element(svg, 'circle', { class: `track ${track.positioned ? 'selected' : ''}`, cx, cy, r: 3 });
-    text(cx, cy, [`#${track.id}`, track.name, track.positioned ? `${Math.round(track.z)} m up` : 'distance unknown'].filter(Boolean).join(', '));
+    text(cx, cy, [nameOf(track), track.positioned ? `${Math.round(track.z)} m up` : 'distance unknown'].join(', '));
   }
   for (const rig of rigs) { const [x, y] = place(rig.x, rig.y); element(svg, 'rect', { class: 'rig', x: x - 3, y: y - 3, width: 6, height: 6 }); text(x, y, rig.name || 'rig'); }
   const step = 10 ** Math.floor(Math.log10(half)), length = step * [5, 2, 1].find(one => one * step <= half);
@@ -132,7 +137,7 @@ function showMap() {
 // A diagram of the last minute; returns its context and scales.
 function diagram(id, low, high, lines) {
   const canvas = $(id), ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight, left = 34;
-  if (canvas.width !== Math.round(width * ratio)) { canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio); }
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) { canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio); }
   const context = canvas.getContext('2d'), end = rows.length ? rows[rows.length - 1][TIME] : 0;
   context.setTransform(ratio, 0, 0, ratio, 0, 0); context.clearRect(0, 0, width, height);
   const x = time => left + (width - left - 4) * (1 + (time - end) / WINDOW_S), y = value => 6 + (height - 12) * (high - value) / (high - low);
@@ -175,6 +180,23 @@ function showAzimuths() {
   line(scale, TRUTH, 'truth', 1.5, [5, 4], 180); line(scale, FUSED, 'fused', 2, [], 180);
   context.fillStyle = color('text'); context.textAlign = 'left';
   for (const [time, words] of state.marks) if (x(time) >= scale.left) { context.fillRect(x(time), 0, 1, scale.height); context.fillText(words, x(time) + 4, 12); }
+}
+
+// What is off by less than ERROR_DEG, against the truth of a simulation, or else against the fused bearing; more stands at the edge.
+function showErrors() {
+  const known = rows.some(row => row[TRUTH] !== null), scale = diagram('errors', -ERROR_DEG, ERROR_DEG, [-5, 0, 5]), { context, x, y } = scale;
+  $('error-note').textContent = known ? 'error against the truth, ± 5 deg' : 'sound and sight against the fused bearing, ± 5 deg';
+  const edge = value => Math.max(-ERROR_DEG, Math.min(ERROR_DEG, value));
+  const off = (row, column) => row[column] === null || row[known ? TRUTH : FUSED] === null ? null : edge(difference(row[column], row[known ? TRUTH : FUSED]));
+  for (const row of rows) {
+    const centre = row[FUSED] === null ? null : known ? row[TRUTH] === null ? null : difference(row[FUSED], row[TRUTH]) : 0, nearer = [SOUND, MIRROR].map(column => off(row, column)).filter(value => value !== null);
+    [row[OFF_SOUND], row[OFF_SIGHT], row[OFF_FUSED]] = [nearer.length ? nearer.reduce((a, b) => Math.abs(b) < Math.abs(a) ? b : a) : null, off(row, SIGHT), centre === null ? null : edge(centre)];
+    if (centre === null || row[SIGMA] === null) continue;
+    context.fillStyle = color('fused'); context.globalAlpha = 0.2;
+    const [top, low] = [edge(centre + row[SIGMA]), edge(centre - row[SIGMA])];
+    context.fillRect(x(row[TIME]) - 1, y(top), 2, y(low) - y(top)); context.globalAlpha = 1;
+  }
+  dots(scale, OFF_SOUND, 'sound', 2.5, 0.8); dots(scale, OFF_SIGHT, 'sight', 3.5); line(scale, OFF_FUSED, 'fused', 2);
 }
 
 function showConfidences() {

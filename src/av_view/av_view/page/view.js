@@ -2,43 +2,50 @@
 'use strict';
 
 const WINDOW_S = 60, RETRY_MS = 1000;
-const STATE_WORDS = { none: 'no target', sight: 'by sight', sound: 'by sound', coasting: 'predicted' };
-const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, SNR] = Array(12).keys(), DELAY_MS = 12;
+const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, SNR] = Array(12).keys(), [DELAY_MS, OFF_SOUND, OFF_SIGHT, OFF_FUSED] = [12, 13, 14, 15];
 const $ = id => document.getElementById(id);
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
 if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
+window.onhashchange = () => location.reload(); // another token
 
-let socket, pending, bagsAsked = -Infinity, number = 0, rig = null, rows = [], state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
+let socket, pending, retry, bagsAsked = -Infinity, tuningAsked = -Infinity, number = 0, serial = 0, chosen = null, rows = [], state = null, nodes = [], offers = [], control = false, permitted = false, northUp = false;
 let pictureUrl = '';
 const answers = new Map(), tails = new Map(), mapTails = new Map();
 
+// A page that nobody sees is not connected, and costs the rig nothing.
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/feed`);
+  clearTimeout(retry);
+  if (document.hidden || socket?.readyState < 2) return;
+  const made = socket = new WebSocket(`ws://${location.host}/feed`, token ? ['rig', token] : ['rig']);
   socket.binaryType = 'blob';
-  socket.onopen = () => ask('watch', rig === null ? {} : { rig });
+  socket.onopen = () => ask('watch', chosen === null ? {} : { rig: chosen });
   socket.onmessage = event => typeof event.data === 'string' ? take(JSON.parse(event.data)) : showPicture(event.data);
-  socket.onclose = () => { lost(); setTimeout(connect, RETRY_MS); };
+  socket.onclose = () => { if (made === socket) { lost(); retry = setTimeout(connect, RETRY_MS); } };
 }
+document.onvisibilitychange = () => document.hidden ? socket?.close() : connect();
 
-function ask(action, values = {}) { socket.send(JSON.stringify({ do: action, ...values })); }
+function ask(action, values = {}) { if (socket.readyState === 1) socket.send(JSON.stringify({ do: action, ...values })); }
 
 // A request that needs the token; resolves to the answer.
-function request(action, values) {
-  return new Promise(resolve => { answers.set(++number, resolve); ask(action, { ...values, number, token }); });
+function request(action, values = {}) {
+  return new Promise(resolve => {
+    if (socket.readyState !== 1) { resolve({ done: false, words: 'no connection' }); return; }
+    answers.set(++number, resolve); ask(action, { ...values, number });
+  });
 }
 
 function take(message) {
   if (message.type === 'state') {
-    if (rows.length && message.rows[0]?.[TIME] < rows[rows.length - 1][TIME]) rows = []; // a replay that began again
-    rows.push(...message.rows);
+    const missed = message.serial < serial ? message.rows.length : Math.min(message.serial - serial, message.rows.length), fresh = missed ? message.rows.slice(-missed) : [];
+    serial = message.serial;
+    for (const row of fresh) { if (rows.length && row[TIME] < rows[rows.length - 1][TIME]) rows = []; rows.push(row); } // a replay may begin again
     while (rows[0]?.[TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
-    requestAnimationFrame(() => { state = message.state; if (state) show(); if (socket.readyState === 1) ask('next'); });
+    requestAnimationFrame(() => { state = message.state; if (state) show(); ask('next'); });
   } else if (message.type === 'health') {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
-    control = message.control; rig ??= message.rig; showRigs(message.rigs);
-    if (state === null && message.rigs.length && !message.rigs.includes(rig)) watch(message.rigs[0]);
+    ({ control, token: permitted } = message); showRigs(message.rigs, message.rig);
   } else if (message.type === 'answer') {
     answers.get(message.number)?.(message); answers.delete(message.number);
   }
@@ -46,67 +53,68 @@ function take(message) {
 
 function lost() {
   for (const resolve of answers.values()) resolve({ done: false, words: 'the connection was lost' });
-  answers.clear(); rows = []; state = null;
-  $('state').textContent = 'no connection'; $('state').className = 'chip lost'; $('bearing').value = '';
-  $('reason').textContent = 'The rig does not answer; trying again.';
+  answers.clear(); forget();
+  say('no connection', 'lost', 'The rig does not answer; trying again. Nothing can be stopped from here now.');
+  for (const button of document.querySelectorAll('#stop, #side button, #side select, #side input')) button.disabled = true;
+}
+
+function forget() { rows = []; state = null; serial = 0; nodes = []; tails.clear(); mapTails.clear(); bagsAsked = tuningAsked = -Infinity; }
+
+function say(chip, kind, words) {
+  $('state').textContent = chip; $('state').className = `chip ${kind}`; $('bearing').value = ''; $('reason').textContent = $('reason').title = words;
 }
 
 function showPicture(blob) {
   const old = pictureUrl;
   pictureUrl = $('picture').src = URL.createObjectURL(blob);
-  $('picture').hidden = false; $('no-picture').hidden = true; pictureTime = performance.now();
   if (old) URL.revokeObjectURL(old);
 }
 
 function show() {
-  const { bearing, fusion } = state, known = bearing && bearing.state !== 'none';
-  $('state').textContent = bearing ? STATE_WORDS[bearing.state] : 'no bearing';
-  $('state').className = `chip ${bearing ? bearing.state : ''}`;
-  $('bearing').value = known ? `${signed(bearing.azimuth)}° ± ${bearing.sigma ?? '?'}°${bearing.range ? `, ${Math.round(bearing.range)} m` : ''}` : '';
-  $('reason').textContent = [fusion?.reason, known && !bearing.resolved ? 'front and back not resolved' : '',
-    fusion?.missing.length ? `missing: ${fusion.missing.join(', ')}` : ''].filter(Boolean).join('; ');
-  showOverlay(); showPolar(); showMap(); showAzimuths(); showConfidences(); showSnr(); showDelays(); showSpectrum(); showCommand();
+  const { bearing, fusion, tracks } = state;
+  say(stateWords(bearing, fusion), bearing ? bearing.state : '', reasonWords(bearing, fusion));
+  $('bearing').value = bearingWords(bearing);
+  $('targets').replaceChildren();
+  for (const track of [...tracks].sort((a, b) => b.selected - a.selected)) made($('targets'), 'li', targetWords(track), track.selected ? 'selected' : '');
+  showOverlay(); showPolar(); showMap(); showAzimuths(); showErrors(); showConfidences(); showSnr(); showDelays(); showSpectrum();
+  $('command').textContent = commandWords(state.command);
 }
 
 const valueOf = (node, key) => nodes.find(one => one.node.endsWith(`/${node}`))?.values.find(([name]) => name === key)?.[1];
 
-function showCommand() {
-  const { command } = state;
-  $('command').textContent = !command ? 'no commands' : `${command.mode}: ${command.reason}` +
-    (command.pan === null ? '' : `; gimbal ${signed(command.pan)}°, ${signed(command.tilt)}°`) + (command.yaw_rate === null ? '' : `; body ${signed(command.yaw_rate)}°/s`);
-}
-
-function whatMoves() {
-  const parts = [state?.command?.pan !== null ? 'the gimbal' : '', state?.command?.yaw_rate !== null ? 'the body of the rig' : ''].filter(Boolean);
-  return state?.command ? parts.join(' and ') || 'nothing' : 'gimbal and body';
-}
-
 function showPointing() {
-  const enabled = valueOf('pointing_node', 'enabled') === 'True';
-  $('moves').textContent = enabled ? 'Commands move the rig.' : 'Commands move nothing.';
-  $('enable').textContent = enabled ? 'Stop: commands shall move nothing' : 'Let commands move the rig…';
-  $('enable').className = enabled ? 'danger' : '';
-  const permitted = control && token, unresolved = state?.bearing && state.bearing.state !== 'none' && !state.bearing.resolved;
-  for (const button of ['enable', 'turn', 'select', 'record', 'pause'].map($)) { button.disabled = !permitted; button.hidden = !permitted || !offers.includes(button.id); }
-  $('enable').hidden = false; $('enable').disabled ||= !offers.includes('enable');
-  $('turn').disabled ||= !enabled || !unresolved;
+  const enabled = valueOf('pointing_node', 'enabled') === 'True', moves = whatMoves(valueOf('pointing_node', 'may move'));
+  $('moves').textContent = !offers.includes('enable') ? '' : enabled ? `It moves by itself: ${moves ?? 'but nothing is configured to move'}.` : 'Commands move nothing.';
+  for (const id of ['enable', 'turn', 'select', 'record', 'pause']) { $(id).disabled = false; $(id).hidden = !permitted || !offers.includes(id); }
+  $('enable').hidden ||= enabled;
+  $('stop-bar').hidden = !permitted || !offers.includes('enable'); $('stop').disabled = false;
+  document.body.classList.toggle('stoppable', !$('stop-bar').hidden);
+  const unresolved = state?.bearing && state.bearing.state !== 'none' && !state.bearing.resolved;
+  $('turn').disabled = !enabled || !unresolved;
   $('turn').title = !enabled ? 'Commands move nothing.' : unresolved ? '' : 'Front and back are told apart, or there is no target.';
-  options('select', [[0, 'Follow a target by policy'], ...(state?.tracks ?? []).map(({ id, name }) => [id, `Follow #${id} ${name}`])]);
-  $('mark').hidden = !permitted; $('open').hidden = $('pause').hidden || $('open').length < 2;
+  options('select', [[0, 'Follow a target by policy'], ...(state?.tracks ?? []).map(track => [track.id, `Follow ${nameOf(track)}`])]);
+  if (!permitted) $('answer').textContent = control ? 'Read-only: open the address with the token.' : 'Read-only. The rig is controlled here with view_control:=true.';
+  showRecording(); showTuning();
+}
+
+function showRecording() {
+  $('mark').hidden = !permitted; $('seek-box').hidden = !offers.includes('pause');
   if (permitted && !$('pause').hidden && performance.now() - bagsAsked > 10000) {
     bagsAsked = performance.now();
-    request('bags', {}).then(({ bags }) => options('open', [['', 'Open a bag…'], ...(bags ?? []).map(name => [name, name])]));
+    request('bags').then(({ bags }) => options('open', [['', 'Open a bag…'], ...(bags ?? []).map(name => [name, name])]));
   }
-  if (!control || !token) $('answer').textContent = control ? 'Read-only: open the address with the token.' : 'Read-only. The rig is controlled here with view_control:=true.';
+  $('open').hidden = $('pause').hidden || $('open').length < 2;
+  $('record-box').hidden = !permitted && $('seek-box').hidden;
   const recording = nodes.some(one => one.node.endsWith('/recorder_node') && one.words !== 'not active');
   $('record').textContent = recording ? 'Stop recording' : 'Start recording'; $('record').value = recording ? '' : 'yes';
   const paused = valueOf('player_node', 'paused') === 'True';
   $('pause').textContent = paused ? 'Play' : 'Pause'; $('pause').value = paused ? '' : 'yes';
   const [position, length] = (valueOf('player_node', 'position') ?? '').split(' of ').map(parseFloat);
-  $('seek-box').hidden = !offers.includes('pause'); $('seek').disabled = $('pause').disabled; $('seek').max = length || 0;
+  $('seek').disabled = !permitted; $('seek').max = length || 0;
   if (document.activeElement !== $('seek')) $('seek').value = position || 0;
   $('position').value = valueOf('player_node', 'position') ?? '';
-  $('parameters-box').hidden = !control || !token;
+  for (const id of ['open', 'mark-text']) $(id).disabled = false;
+  $('mark').querySelector('button').disabled = false;
 }
 
 async function act(action, values) {
@@ -115,28 +123,26 @@ async function act(action, values) {
   $('answer').textContent = (answer.done ? '' : 'Refused: ') + (answer.words || 'done');
 }
 
-$('enable').onclick = () => {
-  if (valueOf('pointing_node', 'enabled') === 'True') { act('enable', { value: false }); return; }
-  confirmMove(`From now on ${whatMoves()} will move by itself towards the bearing`, 'enable', { value: true });
-};
-$('turn').onclick = () => confirmMove('The body of the rig will turn until front and back are told apart, for 10 s at most', 'turn', {});
+$('stop').onclick = () => { if ($('ask').open) $('ask').close('no'); act('enable', { value: false }); };
+$('enable').onclick = () => confirmMove('enable', '', { value: true });
+$('turn').onclick = () => confirmMove('turn', '');
 $('select').onchange = () => {
-  const value = Number($('select').value), wanted = ['select', { value }];
-  if (valueOf('pointing_node', 'enabled') !== 'True') act(...wanted);
-  else confirmMove(`${whatMoves()} will move towards ${value ? `target #${value}` : 'the target that the policy chooses'}`, ...wanted);
+  const value = Number($('select').value), track = state?.tracks.find(one => one.id === value);
+  if (valueOf('pointing_node', 'enabled') !== 'True') act('select', { value });
+  else confirmMove('select', track ? nameOf(track) : 'the target that the policy chooses', { value });
 };
 $('open').onchange = () => { act('open', { value: $('open').value }); $('open').value = ''; };
 $('mark').onsubmit = event => { event.preventDefault(); act('mark', { value: $('mark-text').value }); $('mark-text').value = ''; };
 
 // Ask before something moves.
-function confirmMove(words, ...wanted) {
-  pending = wanted;
-  $('ask-words').textContent = `${words}, within the limits of pointing_node. Is everybody clear of it?`;
-  $('ask').showModal();
+function confirmMove(action, target, values = {}) {
+  pending = [action, values];
+  $('ask-words').textContent = askWords(action, valueOf('pointing_node', 'may move'), target);
+  $('ask').returnValue = ''; $('ask').showModal();
 }
 $('ask').onclose = () => { if ($('ask').returnValue === 'yes') act(...pending); $('ask').returnValue = ''; };
 for (const id of ['record', 'pause']) $(id).onclick = () => act(id, { value: Boolean($(id).value) });
-$('seek').onchange = () => { act('set', { node: `${rig}/player_node`, name: 'position', value: Number($('seek').value) }); $('seek').blur(); };
+$('seek').onchange = () => { act('seek', { value: Number($('seek').value) }); $('seek').blur(); };
 $('orientation').onclick = () => { northUp = !northUp; $('orientation').textContent = northUp ? 'north' : 'ahead'; };
 
 function made(parent, name, text, kind = '') {
@@ -147,18 +153,18 @@ function made(parent, name, text, kind = '') {
 
 function showHealth() {
   const open = new Set([...document.querySelectorAll('#health details[open]')].map(details => details.dataset.node));
-  const worst = nodes.filter(node => node.level !== 'ok').length;
-  $('health-note').textContent = nodes.length ? worst ? `${worst} of ${nodes.length} nodes need a look` : `all ${nodes.length} nodes are well` : 'no node reports';
+  const bad = nodes.filter(node => node.level !== 'ok');
+  $('health-note').textContent = healthWords(nodes);
+  $('problems').hidden = !bad.length; $('problems').textContent = `⚠ ${bad.length}`; $('problems').title = bad.map(node => `${nodeWords(node.node)}: ${statusWords(node.words)}`).join('\n');
   $('health').replaceChildren();
   for (const node of nodes) {
     const item = made($('health'), 'li', '', node.level), details = made(item, 'details', ''), summary = made(details, 'summary', '');
     details.dataset.node = node.node; details.open = open.has(node.node);
-    made(summary, 'b', node.node.replace(/^\//, '')); summary.append(` ${node.words}`);
+    made(summary, 'b', nodeWords(node.node)); summary.append(` ${statusWords(node.words)}`); summary.title = node.node;
     const table = made(details, 'table', '');
     for (const [key, value] of node.values) { const row = made(table, 'tr', ''); made(row, 'td', key); made(row, 'td', value); }
     for (const advice of node.advice) made(item, 'p', advice, 'advice');
   }
-  options('nodes', [['', ''], ...nodes.map(({ node }) => [node, node.slice(1)]).sort()]);
 }
 
 // Change what a list offers, and keep what is chosen.
@@ -170,34 +176,27 @@ function options(id, entries) {
   list.value = entries.some(([value]) => String(value) === chosen) ? chosen : entries[0]?.[0];
 }
 
-$('nodes').onchange = async () => {
-  const node = $('nodes').value, box = $('parameters');
-  if (!node) return;
-  const answer = await request('parameters', { node });
-  box.replaceChildren();
-  if (!answer.done) { made(box, 'p', answer.words); return; }
-  if (!answer.parameters.length) made(box, 'p', 'This node has no parameter that can be changed while it runs.');
-  for (const parameter of answer.parameters) {
-    const label = made(box, 'label', ''), input = document.createElement('input');
-    made(label, 'span', parameter.name); label.append(input);
-    const note = made(label, 'span', `${parameter.words}${parameter.bounds ? ` (${parameter.bounds[0]} to ${parameter.bounds[1]})` : ''}`);
-    const flag = typeof parameter.value === 'boolean', numeric = typeof parameter.value === 'number';
-    input.type = flag ? 'checkbox' : numeric ? 'number' : 'text';
-    if (numeric) { input.step = 'any'; if (parameter.bounds) [input.min, input.max] = parameter.bounds; }
-    if (flag) input.checked = parameter.value; else input.value = parameter.value;
-    input.onchange = async () => {
-      const result = await request('set', { node, name: parameter.name, value: flag ? input.checked : numeric ? Number(input.value) : input.value });
-      note.textContent = result.done ? `${parameter.words} — set` : `Refused: ${result.words}`;
-    };
+// What people tune while they look, asked for once.
+async function showTuning() {
+  if (!permitted || performance.now() - tuningAsked < 5000 || $('tuning').childElementCount && tuningAsked > 0) return;
+  tuningAsked = performance.now();
+  const { parameters = [] } = await request('tuning');
+  $('tuning-box').hidden = !parameters.length; $('tuning').replaceChildren();
+  for (const { node, name, value, bounds, words } of parameters) {
+    const line = made($('tuning'), 'label', ''), input = document.createElement('input');
+    made(line, 'span', words); line.append(input); line.title = `${name} of ${node}, ${bounds ? `${bounds[0]} to ${bounds[1]}` : 'any value'}`;
+    const note = made(line, 'small', '');
+    Object.assign(input, { type: 'number', step: 'any', value }); if (bounds) [input.min, input.max] = bounds;
+    input.onchange = async () => { const { done, words } = await request('set', { node, name, value: Number(input.value) }); note.textContent = done ? 'set' : `Refused: ${words}`; };
   }
-};
-
-function showRigs(rigs) {
-  $('rigs').hidden = rigs.length < 2;
-  options('rigs', rigs.map(name => [name, name.slice(1) || '(no namespace)']));
-  $('rigs').value = rig;
 }
-function watch(name) { rig = $('rigs').value = name; rows = []; tails.clear(); bagsAsked = -Infinity; pictureTime = 0; ask('watch', { rig }); }
-$('rigs').onchange = () => watch($('rigs').value);
+
+function showRigs(rigs, shown) {
+  $('rigs').hidden = rigs.length < 2; $('rigs').disabled = false;
+  options('rigs', rigs.map(name => [name, name.slice(1) || '(no namespace)']));
+  $('rigs').value = shown;
+  if (!rigs.length) say('no rig', 'lost', 'No rig is found. Is one running, with the same ROS_DOMAIN_ID as this page?');
+}
+$('rigs').onchange = () => { chosen = $('rigs').value; forget(); $('tuning').replaceChildren(); ask('watch', { rig: chosen }); };
 
 connect();
