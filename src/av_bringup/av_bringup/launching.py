@@ -61,7 +61,7 @@ RIG_ARGUMENTS: Declarations = {
     'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
     'bags': ('', 'folder of recordings that the page begins and opens, with view_control', None),
     'view': ('false', f'show the rig in browsers: print the address of a page, needs {VIEW_PACKAGE}', ['true', 'false']),
-    'view_control': ('false', 'the page may also control the rig, with the token in the address on the terminal', ['true', 'false']),
+    'view_control': ('false', 'the page may also control the rig, with a token that the terminal shows', ['true', 'false']),
     'security': ('', 'a keystore of `ros2 run av_bringup security`: only nodes with its keys take part; empty: all', None),
 }
 
