@@ -181,7 +181,6 @@ def followed(voice, ratio_db=10.0, seeds=1, seconds=5):
     return float(np.mean(shares))
 
 
-@pytest.mark.xfail(strict=False, reason='white noise all the time, the others for 0.14 of it, until they are judged')
 @pytest.mark.parametrize('voice', [comb, siren, white, brown])
 def test_what_is_no_drone_is_not_followed(contract, voice):
     """A source with a direction, and nothing of a drone: below 5 % of the time."""
@@ -204,7 +203,6 @@ def test_recorded_drones_are_followed(contract):
 
 
 @needs_data
-@pytest.mark.xfail(strict=False, reason='backgrounds for 0.60 of the time, helicopters for 0.27')
 @pytest.mark.parametrize('kind', ['BACKGROUND', 'HELICOPTER'])
 def test_recordings_without_a_drone_are_not_followed(contract, kind):
     """From one direction, 15 dB above the noise."""

@@ -14,6 +14,7 @@ import numpy as np
 import rendered
 from material import RATE, Recording
 from numpy.typing import NDArray
+from others import bystander_signals
 from scipy.signal import resample_poly
 
 from av_audio.drone_classifier import DroneClassifier, Judgement
@@ -76,7 +77,7 @@ class _Listener(DroneClassifier):
 
 
 def examples(items: Sequence[Recording], scenes: int, rng: np.random.Generator) -> tuple[NDArray, NDArray, NDArray]:
-    """Features (n, f), labels (n,) and groups (n,), one for each scene.
+    """Features (n, f), labels (n,) and kinds (n,).
 
     Parameters:
         items: recordings; beside them sounds are rendered.
@@ -84,11 +85,11 @@ def examples(items: Sequence[Recording], scenes: int, rng: np.random.Generator) 
         rng: source of random numbers.
     """
     parts = []
-    for number in range(scenes):
+    for _ in range(scenes):
         features, labels = _examples(_drone(items, rng), _bystander(items, rng), rng)
-        parts.append((features[::STRIDE], labels[::STRIDE], np.full(len(labels[::STRIDE]), f'simulated/{number}')))
-    features, labels, groups = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return features, labels, groups
+        parts.append((features[::STRIDE], labels[::STRIDE], np.full(len(labels[::STRIDE]), 'simulated scene')))
+    features, labels, kinds = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return features, labels, kinds
 
 
 def _drone(items: Sequence[Recording], rng: np.random.Generator) -> SourceSignal:
@@ -102,15 +103,13 @@ def _drone(items: Sequence[Recording], rng: np.random.Generator) -> SourceSignal
 def _bystander(items: Sequence[Recording], rng: np.random.Generator) -> SourceSignal:
     """A bystander of the simulator, or a recording of anything else than drones."""
     if rng.random() < 0.5:
-        return rendered.bystander_signal(rng)
+        return bystander_signals(rng)[rng.integers(4)]
     kind = rng.choice(sorted({one.kind for one in items} - {'drone'}))
     return Played(_recorded([one for one in items if one.kind == kind], rng))
 
 
 def _recorded(items: Sequence[Recording], rng: np.random.Generator) -> NDArray:
-    group = rng.choice(sorted({one.group for one in items}))
-    members = [one for one in items if one.group == group]
-    return members[int(rng.integers(len(members)))].samples
+    return items[int(rng.integers(len(items)))].samples
 
 
 def _examples(drone: SourceSignal, bystander: SourceSignal, rng: np.random.Generator

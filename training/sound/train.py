@@ -1,4 +1,4 @@
-"""Trains, calibrates and writes the model of drone sounds. See README.md."""
+"""Trains, judges, calibrates and writes the model of drone sounds. See README.md."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import rendered
 import simulated
-from material import FOLDS, KNOWN, Recording, recordings
+from judge import report
+from material import EVERYWHERE, FOLDS, Recording, recordings
 from numpy.typing import NDArray
 from scenes import Scenes, crop
 from sklearn.linear_model import LogisticRegression
@@ -17,61 +18,51 @@ from sklearn.neural_network import MLPClassifier
 
 from av_audio.drone_model import LARGEST_FEATURE, DroneModel
 
-RENDERED_SHARES = (0.5, 0.25)  # of the examples of drones and of others, in the fold that has rendered sounds
-OTHER_FOLDS = 0.32  # share of all examples that is from the recordings that are judged on
-LOUD, OFTEN = ('alarm', 'rendered alarm', 'rendered bystander'), 3  # kinds that are drawn as many times as often as others
+RENDERED_SHARE = 0.5  # of the examples of drones
 HIDDEN = (32, 16)
-RENDERED = (500, 500)  # sounds of drones and of others
-SNRS_DB, AS_RECORDED = (-3.0, 35.0), 0.4  # of the examples
+RENDERED = (500, 80)  # sounds of drones, and of each other kind
+SNRS_DB, AS_RECORDED = (-5.0, 35.0), 0.4  # of the examples
+# Share of the examples of others that are hardly there: the direction is that of noise which the microphones do not share.
+ABSENT, ABSENT_DB = 0.1, (-30.0, -5.0)
 # Share of the scenes with a second source; of those, share in which its direction is known; and how much louder than what is
 # judged it is at most: beside something else, beside a drone.
 BESIDE, SEPARATED = 0.35, 0.6
 QUIETER_DB, LOUDER_DB, LOUDER_SEPARATED_DB = -25.0, (-3.0, 3.0), (3.0, 14.0)
-EPOCHS = 15
-CALIBRATION_FOLDS = 4  # of recordings
+EPOCHS, PENALTY = 15, 5.0  # PENALTY is scikit-learn's alpha
 RIG_COUNT = 2  # how often an example that the rig heard in simulated scenes counts
 
 
 class Material:
-    """Draws sounds: a drone, or one of the other kinds, alike often but for loud ones.
+    """Draws sounds of one fold: of a drone, or of one of the other kinds, alike often.
 
     Parameters:
-        items: recordings of one fold.
+        items: recordings of the fold.
         rng: source of random numbers.
-        rendered: shares of rendered sounds among those of drones and of others.
     """
 
-    def __init__(self, items: Sequence[Recording], rng: np.random.Generator, rendered: tuple[float, float] = (0.0, 0.0)
-                 ) -> None:
-        self._rng, self._rendered = rng, rendered
-        self._by_kind: dict[str, dict[str, list[Recording]]] = {}
-        for item in items:
-            self._by_kind.setdefault(item.kind, {}).setdefault(item.group, []).append(item)
-        self._kinds = sorted(kind for kind in self._by_kind if not kind.endswith('drone'))
+    def __init__(self, items: Sequence[Recording], rng: np.random.Generator) -> None:
+        kinds = {one.kind for one in items}
+        self._rng, self._by_kind = rng, {kind: [one for one in items if one.kind == kind] for kind in kinds}
+        self._others = sorted(kind for kind, (one, *_) in self._by_kind.items() if not one.is_drone)
 
     def drone(self) -> tuple[NDArray, str]:
-        """Sound of a drone and the group of recordings that it comes from."""
-        return self._of_kind('rendered drone' if self._rng.random() < self._rendered[0] else 'drone', 0.65, 1.5)
+        """Sound of a drone, and its kind."""
+        return self._of_kind('rendered drone' if self._rng.random() < RENDERED_SHARE else 'drone', 0.65, 1.5)
 
     def other(self) -> tuple[NDArray, str]:
-        """Sound of something else, and its group."""
-        is_rendered = self._rng.random() < self._rendered[1]
-        kinds = [kind for kind in self._kinds if kind.startswith('rendered') == is_rendered]
-        kinds += (OFTEN - 1) * [kind for kind in kinds if kind in LOUD]
-        return self._of_kind(str(self._rng.choice(kinds)), 0.8, 1.25)
+        """Sound of something else, and its kind."""
+        return self._of_kind(str(self._rng.choice(self._others)), 0.8, 1.25)
 
     def _of_kind(self, kind: str, slowest: float, fastest: float) -> tuple[NDArray, str]:
-        groups = self._by_kind[kind]
-        group = str(self._rng.choice(sorted(groups)))
-        samples = groups[group][int(self._rng.integers(len(groups[group])))].samples
+        items = self._by_kind[kind]
+        part = crop(items[int(self._rng.integers(len(items)))].samples, self._rng)
         speed = np.exp(self._rng.uniform(np.log(slowest), np.log(fastest)))
-        part = crop(samples, self._rng)
         places = np.arange(len(part)) * speed  # played faster or slower, as something of another size would sound
-        return np.interp(places % (len(part) - 1), np.arange(len(part)), part), group
+        return np.interp(places % (len(part) - 1), np.arange(len(part)), part), kind
 
 
 def examples(material: Material, scenes: Scenes, count: int, rng: np.random.Generator) -> tuple[NDArray, NDArray, NDArray]:
-    """Features (count, n), labels (count,) and groups (count,) of random scenes; in half of them one listens to a drone.
+    """Features (count, n), labels (count,) and kinds (count,) of random scenes; in half of them one listens to a drone.
 
     Parameters:
         material: the sounds.
@@ -79,25 +70,27 @@ def examples(material: Material, scenes: Scenes, count: int, rng: np.random.Gene
         count: number of scenes.
         rng: source of random numbers.
     """
-    features, labels, groups = [], [], []
+    features, labels, kinds = [], [], []
     for number in range(count):
         is_drone = number % 2 == 0
-        source, group = material.drone() if is_drone else material.other()
-        other, separated = None, bool(rng.random() < SEPARATED)
+        source, kind = material.drone() if is_drone else material.other()
+        other, separated, snr_db = None, bool(rng.random() < SEPARATED), rng.uniform(*SNRS_DB)
         if rng.random() < BESIDE:
             other = material.drone()[0] if not is_drone and rng.random() < 0.5 else material.other()[0]
+        elif not is_drone and rng.random() < ABSENT:
+            snr_db, kind = rng.uniform(*ABSENT_DB), 'nothing'
         louder_db = (LOUDER_SEPARATED_DB if separated else LOUDER_DB)[is_drone]
-        features.append(scenes.example(source, other, rng.uniform(*SNRS_DB), rng.uniform(QUIETER_DB, louder_db), separated))
+        features.append(scenes.example(source, other, snr_db, rng.uniform(QUIETER_DB, louder_db), separated))
         labels.append(is_drone)
-        groups.append(group)
-    return np.array(features), np.array(labels), np.array(groups)
+        kinds.append(kind)
+    return np.array(features), np.array(labels), np.array(kinds)
 
 
 def fit(features: NDArray, labels: NDArray, seed: int, networks: int = 1) -> DroneModel:
     """A model without calibration. Several networks are joined into one, whose output is their mean."""
     mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-3
     values = np.clip((features - mean) / scale, -LARGEST_FEATURE, LARGEST_FEATURE)
-    fitted = [MLPClassifier(HIDDEN, alpha=5.0, batch_size=256, learning_rate_init=1e-3, max_iter=EPOCHS,
+    fitted = [MLPClassifier(HIDDEN, alpha=PENALTY, batch_size=256, learning_rate_init=1e-3, max_iter=EPOCHS,
                             random_state=seed + k).fit(values, labels) for k in range(networks)]
     return DroneModel(_joined([list(zip(m.coefs_, m.intercepts_, strict=True)) for m in fitted]), mean, scale)
 
@@ -121,39 +114,49 @@ def _joined(networks: list[list[tuple[NDArray, NDArray]]]) -> list[tuple[NDArray
     return layers
 
 
-def calibrated(features: NDArray, labels: NDArray, groups: NDArray, seed: int, networks: int) -> DroneModel:
-    """The model fitted to all, calibrated by the outputs of models that did not know the recording (Platt, 1999)."""
-    names = np.unique(groups)
-    fold_of = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % CALIBRATION_FOLDS, strict=True))
-    folds = np.array([fold_of[group] for group in groups])
-    outputs = np.zeros(len(labels))
-    for fold in range(CALIBRATION_FOLDS):
-        outputs[folds == fold] = fit(features[folds != fold], labels[folds != fold], seed).log_odds(features[folds == fold])
-    platt = LogisticRegression().fit(outputs[:, None], labels)
-    model = fit(features, labels, seed, networks)
-    return model.calibrated(float(platt.coef_[0, 0]), float(platt.intercept_[0]))
+def platt(outputs: NDArray, labels: NDArray) -> tuple[float, float]:
+    """Slope and offset that make outputs (n,) log-odds (Platt, 1999), for equal shares of drones and others."""
+    fitted = LogisticRegression(class_weight='balanced').fit(outputs[:, None], labels)
+    return float(fitted.coef_[0, 0]), float(fitted.intercept_[0])
+
+
+def left_out(made: dict[str, NDArray], seed: int, networks: int) -> NDArray:
+    """Outputs (n,) of models that know neither the kinds of others nor the drones of the fold; NaN for what is in none."""
+    outputs = np.full(len(made['labels']), np.nan)
+    for fold in range(1, FOLDS + 1):
+        own = made['folds'] == fold
+        outputs[own] = fit(made['features'][~own], made['labels'][~own], seed, networks).log_odds(made['features'][own])
+    return outputs
+
+
+def judged(outputs: NDArray, labels: NDArray, folds: NDArray) -> NDArray:
+    """Log-odds (n,) of outputs of `left_out`, each calibrated by the outputs of the other folds."""
+    log_odds = np.full(len(outputs), np.nan)
+    for fold in range(1, FOLDS + 1):
+        own, rest = folds == fold, (folds != fold) & (folds != EVERYWHERE)
+        slope, offset = platt(outputs[rest], labels[rest])
+        log_odds[own] = slope * outputs[own] + offset
+    return log_odds
 
 
 def examples_of_folds(items: Sequence[Recording], count: int, scenes: int, rng: np.random.Generator) -> dict[str, NDArray]:
-    """Features (m, n), labels, groups and folds (m,); all sounds of a scene are of one fold, which can be left out.
+    """Features (m, n), labels, kinds and folds (m,); all sounds of a scene are of one fold, which can be left out.
 
     Parameters:
-        items: recordings of KNOWN and of all folds.
+        items: recordings of all folds.
         count: number of seconds of sound.
-        scenes: number of simulated scenes, each with some 70 further examples.
+        scenes: number of simulated scenes, each with some 70 further examples, which are in no fold.
         rng: source of random numbers.
     """
     parts = []
-    for fold in (KNOWN, *range(1, FOLDS + 1)):
-        share, shares = (1.0 - OTHER_FOLDS, RENDERED_SHARES) if fold == KNOWN else (OTHER_FOLDS / FOLDS, (0.0, 0.0))
-        material = Material([item for item in items if item.fold == fold], rng, shares)
-        made = examples(material, Scenes(rng, AS_RECORDED), round(share * count), rng)
+    for fold in range(1, FOLDS + 1):
+        material = Material([item for item in items if item.fold == fold], rng)
+        made = examples(material, Scenes(rng, AS_RECORDED), count // FOLDS, rng)
         parts.append((*made, np.full(len(made[1]), fold)))
     if scenes:
-        recorded = [item for item in items if item.fold == KNOWN and not item.kind.startswith('rendered')]
-        made = simulated.examples(recorded, scenes, rng)
-        parts += RIG_COUNT * [(*made, np.full(len(made[1]), KNOWN))]
-    return dict(zip(('features', 'labels', 'groups', 'folds'), map(np.concatenate, zip(*parts, strict=True)), strict=True))
+        made = simulated.examples([item for item in items if 'rendered' not in item.kind], scenes, rng)
+        parts += RIG_COUNT * [(*made, np.full(len(made[1]), EVERYWHERE))]
+    return dict(zip(('features', 'labels', 'kinds', 'folds'), map(np.concatenate, zip(*parts, strict=True)), strict=True))
 
 
 def main() -> None:
@@ -161,12 +164,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('out', type=Path, help='the model, such as ../../src/av_audio/models/drone_sound.npz')
     parser.add_argument('--clips', type=Path, required=True, help="folder of Svanstrom's clips of sound")
-    parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
-    parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
-    parser.add_argument('--folds', type=Path, help='folder for models that do not know one fold each, by which it is judged')
-    parser.add_argument('--count', type=int, default=36_000, help='number of examples')
-    parser.add_argument('--scenes', type=int, default=100, help='number of simulated scenes that the rig hears')
-    parser.add_argument('--networks', type=int, default=5, help='networks whose mean is taken')
+    parser.add_argument('--count', type=int, default=24_000, help='number of examples')
+    parser.add_argument('--scenes', type=int, default=0, help='number of simulated scenes that the rig hears')
+    parser.add_argument('--networks', type=int, default=3, help='networks whose mean is taken')
+    parser.add_argument('--beside', type=Path, help='a model whose knowledge of other sounds is kept')
     parser.add_argument('--features', type=Path, help='file that keeps the examples between runs')
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args()
@@ -175,15 +176,19 @@ def main() -> None:
             made = {name: file[name] for name in file.files}
     else:
         rng = np.random.default_rng(arguments.seed)
-        items = list(recordings(arguments.clips, arguments.packages, arguments.repository))
-        made = examples_of_folds([*items, *rendered.recordings(rng, *RENDERED)], arguments.count, arguments.scenes, rng)
+        items = [*recordings(arguments.clips), *rendered.recordings(rng, *RENDERED)]
+        made = examples_of_folds(items, arguments.count, arguments.scenes, rng)
         if arguments.features:
             np.savez(arguments.features, **made)
-    for fold in range(1, FOLDS + 1) if arguments.folds else ():
-        arguments.folds.mkdir(parents=True, exist_ok=True)
-        kept = [made[name][made['folds'] != fold] for name in ('features', 'labels', 'groups')]
-        calibrated(*kept, arguments.seed, arguments.networks).save(arguments.folds / f'fold_{fold}.npz')
-    calibrated(made['features'], made['labels'], made['groups'], arguments.seed, arguments.networks).save(arguments.out)
+    outputs, labels, folds = left_out(made, arguments.seed, arguments.networks), made['labels'], made['folds']
+    known = folds != EVERYWHERE
+    log_odds, beside = judged(outputs, labels, folds), DroneModel.load(arguments.beside) if arguments.beside else None
+    report('left out', log_odds[known], labels[known], made['kinds'][known])
+    if beside is not None:
+        both = np.log(2.0) - np.logaddexp(-log_odds, -beside.log_odds(made['features']))
+        report('beside the other model', both[known], labels[known], made['kinds'][known])
+    model = fit(made['features'], labels, arguments.seed, arguments.networks)
+    model.calibrated(*platt(outputs[known], labels[known]), beside).save(arguments.out)
 
 
 if __name__ == '__main__':

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from av_common.track import Source
 
-# Prior probabilities of a drone, of something else that moves, and of a fixed emitter: what is tracked around a rig that looks
-# for drones is one more often than not, and one source in four of the others is a fan or generator.
-DRONE, OTHER, FIXED = 0.6, 0.3, 0.1
+# Prior probabilities of a drone, of something else that moves, and of a fixed emitter: what is heard around a rig that looks
+# for drones is one as often as not, and one source in four of the others is a fan or generator.
+DRONE, OTHER, FIXED = 0.5, 0.375, 0.125
+# Logarithm of how much more often a detector of drones marks a drone than something else: what is seen is a drone with a
+# probability of 0.6 before its scores count.
+SEEN = 0.4
+LEAST_LOOKS = 1.0  # of the camera; a share of one may be another target's
 # What moves stays at one place for HOVER_S on average; a share HOVERING of drones does for the whole flight.
 HOVER_S, HOVERING = 60.0, 0.03
-LEAST_LOOKS = 1.0  # fewer say nothing
 # Correlation of the log-likelihood ratios of one target by one sensor: the errors of successive looks are those of one object
 # and one model. With it n looks count as n / (1 + (n - 1) CORRELATION) independent ones (Kish, Survey Sampling, 1965, 5.4).
 CORRELATION = 0.4
@@ -49,7 +52,7 @@ class Kind:
 
     def _probabilities(self) -> tuple[float, float, float]:
         """Probabilities of a drone, something else that moves, and a fixed emitter; NaN before the first look."""
-        if sum([count for _, count in self._sums.values()]) < LEAST_LOOKS:
+        if not self._sums[Source.SOUND][1] and self._sums[Source.SIGHT][1] < LEAST_LOOKS:
             return math.nan, math.nan, math.nan
         stays = HOVERING + (1.0 - HOVERING) * math.exp(-self.static_s / HOVER_S)  # probability of what moves to stay so long
         weights = DRONE * stays * math.exp(self._ratio()), OTHER * stays, FIXED
@@ -57,8 +60,9 @@ class Kind:
 
     def _ratio(self) -> float:
         """Logarithm of the likelihood ratio of all looks, of a drone over something else."""
-        return sum([total / (1.0 + (count - 1.0) * CORRELATION) if count > 1.0 else total
-                    for total, count in self._sums.values()])
+        looks = sum([total / (1.0 + (count - 1.0) * CORRELATION) if count > 1.0 else total
+                     for total, count in self._sums.values()])
+        return looks + SEEN * min(self._sums[Source.SIGHT][1], 1.0)
 
     def fits(self, probabilities: Sequence[float]) -> NDArray[np.float64]:
         """Likelihood (n,) of what each source sounds like if it is this target, relative to any source; 1 where not known.
