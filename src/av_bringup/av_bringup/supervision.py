@@ -1,4 +1,4 @@
-"""Which processes of the rig are started again when they end, and which end is the end of the rig.
+"""Which processes of the rig are started again when they end or hang, and which end is the end of the rig.
 
 A process that ends, however it ends, is started again after RESPAWN_DELAY_S; its environment holds the number of restarts. The
 monitor alone is not: its table would begin again. The launch ends with an exit code other than 0 where
@@ -8,13 +8,21 @@ monitor alone is not: its table would begin again. The launch ends with an exit 
 - the monitor ends with an error, in a run whose results it shall write.
 The end of another process than an essential one is no harm otherwise. One that fails at more than MOST_RESTARTS later starts
 in a row is not started again.
+
+The executor of each node writes a heartbeat (`av_common.launched.beat`). A process whose heartbeat stands still for
+SILENT_CHECKS checks of the launch in a row hangs, or is stopped: it is killed, so that the rules above hold for it, too. Checks
+are counted instead of seconds, so that no process is blamed for a pause of the whole machine.
 """
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +31,7 @@ from launch.actions import (
     EmitEvent,
     ExecuteProcess,
     LogInfo,
+    OpaqueCoroutine,
     RegisterEventHandler,
     TimerAction,
 )
@@ -31,11 +40,38 @@ from launch.events import Shutdown
 from launch.events.matchers import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
 
-from av_common.launched import RESTARTS, RUN_FOLDER, started_file
+from av_common.launched import HUNG, RESTARTS, RUN_FOLDER, started_file
 
 RESPAWN_DELAY_S = 0.2
 RESPAWN: dict[str, Any] = {'respawn': True, 'respawn_delay': RESPAWN_DELAY_S}
 MOST_RESTARTS = 3
+CHECK_PERIOD_S = 0.5
+# Checks in a row without a new heartbeat: 8 s, more than a starved process needs on a machine with ten times its load; and
+# 300 s in a transition, in which a model is compiled or a bag is closed.
+SILENT_CHECKS, BUSY_CHECKS = 16, 600
+
+
+class Pulse:
+    """Judges the heartbeats of processes. Those that have none are never judged."""
+
+    def __init__(self) -> None:
+        self._newest: dict[int, tuple[str, int]] = {}  # heartbeat, and for how many checks it has stood still
+
+    def hangs(self, process: int, heartbeat: str) -> bool:
+        """Whether a process hangs, at a further check.
+
+        Parameters:
+            process: its id.
+            heartbeat: what its file holds.
+        """
+        before, silent = self._newest.get(process, ('', 0))
+        silent = silent + 1 if heartbeat == before else 0
+        self._newest[process] = heartbeat, silent
+        return bool(heartbeat) and silent >= (BUSY_CHECKS if heartbeat.startswith('busy') else SILENT_CHECKS)
+
+    def forget(self, process: int) -> None:
+        """Forget a process that has ended."""
+        self._newest.pop(process, None)
 
 
 class Supervision:
@@ -57,19 +93,40 @@ class Supervision:
         self._begin = time.monotonic()
         self._restarts: Counter[ExecuteProcess] = Counter()
         self._failures: Counter[ExecuteProcess] = Counter()    # failed starts in a row
+        self._hangs: Counter[ExecuteProcess] = Counter()
+        self._pulse, self._killed = Pulse(), set[int]()    # ids of processes that hung
 
     def entities(self) -> list[LaunchDescriptionEntity]:
         """Event handlers and timers of the launch, to be placed before the processes."""
         timer = self._rest_of_the_run() if self._monitor is None else []
-        return [RegisterEventHandler(OnProcessExit(on_exit=self._on_exit)), *timer]
+        watch = OpaqueCoroutine(coroutine=self._watch, ignore_context=True)
+        return [RegisterEventHandler(OnProcessExit(on_exit=self._on_exit)), watch, *timer]
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(CHECK_PERIOD_S)
+            self.check()
+
+    def check(self) -> None:
+        """End the processes that hang."""
+        for process in self._processes:
+            details = process.process_details or {}
+            number = details.get('pid', 0)
+            if number and number not in self._killed and self._pulse.hangs(number, _heartbeat(details, number)):
+                self._killed.add(number)
+                with suppress(ProcessLookupError):
+                    os.kill(number, signal.SIGKILL)
 
     def _on_exit(self, event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
         """Count the end of a process. Raises RuntimeError, which ends the launch, by the rules."""
         process, code = event.action, event.returncode
         if context.is_shutdown or process not in self._processes:
             return None
-        end = f'{event.process_name} ended with exit code {code} while the rig was running'
-        failed = code > 0 and not started_file(Path(event.env[RUN_FOLDER]), event.pid).exists()
+        hung, started = event.pid in self._killed, started_file(Path(event.env[RUN_FOLDER]), event.pid)
+        how = 'hung and was killed' if hung else f'ended with exit code {code}'
+        end = f'{event.process_name} {how} while the rig was running'
+        failed = code > 0 and not started.exists()
+        self._forget(event.pid, started)
         if failed and not self._restarts[process]:
             raise RuntimeError(end)
         if process is self._monitor:
@@ -82,8 +139,16 @@ class Supervision:
             return [LogInfo(msg=f'{end}, which goes on without it'),
                     EmitEvent(event=ShutdownProcess(process_matcher=matches_action(process)))]
         self._restarts[process] += 1
-        process.process_details['env'][RESTARTS] = str(self._restarts[process])    # read after RESPAWN_DELAY_S
+        self._hangs[process] += hung
+        process.process_details['env'] |= {    # read after RESPAWN_DELAY_S
+            RESTARTS: str(self._restarts[process]), HUNG: str(self._hangs[process])}
         return [LogInfo(msg=f'{end}: restart {self._restarts[process]}')]
+
+    def _forget(self, number: int, started: Path) -> None:
+        """Forget a process that has ended, whose id another one may get."""
+        started.unlink(missing_ok=True)
+        self._pulse.forget(number)
+        self._killed.discard(number)
 
     def _on_monitor_exit(self, code: int, end: str) -> list[LaunchDescriptionEntity]:
         if self._results and code:
@@ -96,6 +161,13 @@ class Supervision:
         """A timer for the rest of the duration; none without a duration."""
         left = self._duration - (time.monotonic() - self._begin)
         return [TimerAction(period=max(0.0, left), actions=[_shutdown()])] if self._duration else []
+
+
+def _heartbeat(details: Mapping[str, Any], number: int) -> str:
+    """The newest heartbeat of a process; empty without one."""
+    with suppress(OSError, KeyError):
+        return started_file(Path(details['env'][RUN_FOLDER]), number).read_text()
+    return ''
 
 
 def _shutdown() -> EmitEvent:

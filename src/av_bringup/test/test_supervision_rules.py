@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
+import os
+import signal
+import sys
+import time
 
 import pytest
-from launch import LaunchContext
-from launch.actions import EmitEvent, LogInfo, TimerAction
+from launch import LaunchContext, LaunchDescription, LaunchService
+from launch.actions import EmitEvent, ExecuteProcess, LogInfo, TimerAction
 from launch.events.process import ProcessExited, ShutdownProcess
 
-from av_bringup.supervision import MOST_RESTARTS, Supervision
-from av_common.launched import RESTARTS, RUN_FOLDER, started_file
+from av_bringup import supervision
+from av_bringup.supervision import MOST_RESTARTS, RESPAWN, SILENT_CHECKS, Supervision
+from av_common.launched import HUNG, RESTARTS, RUN_FOLDER, started_file
 
 KILLED, FAILED, CLEAN = -9, 1, 0
+BUSY_CHECKS = 40
 
 
 class Process:
@@ -123,5 +130,80 @@ def test_processes_of_others_and_of_a_launch_that_ends_are_ignored(tmp_path):
 
 
 def test_without_a_monitor_a_timer_ends_the_run(tmp_path):
-    assert len(Rig(tmp_path, with_monitor=False, duration=5.0).supervision.entities()) == 2
-    assert len(Rig(tmp_path, with_monitor=False).supervision.entities()) == 1
+    assert len(Rig(tmp_path, with_monitor=False, duration=5.0).supervision.entities()) == 3
+    assert len(Rig(tmp_path, with_monitor=False).supervision.entities()) == 2
+
+
+@pytest.mark.parametrize('name', ['fusion', 'recorder', 'monitor'])
+@pytest.mark.parametrize(('heartbeat', 'most'), [('{}', SILENT_CHECKS), ('busy {}', BUSY_CHECKS), ('', 10**9)])
+def test_a_process_whose_heartbeat_stands_still_is_killed_and_counted(name, heartbeat, most, tmp_path, monkeypatch):
+    """One that beats is not, nor one that never did, nor one that is busy for minutes; checks count, not their times."""
+    rig, killed = Rig(tmp_path), []
+    monkeypatch.setattr(supervision, 'BUSY_CHECKS', BUSY_CHECKS)
+    monkeypatch.setattr(os, 'kill', lambda *what: killed.append(what))
+    for number, process in enumerate(rig.processes, 500):
+        rig.processes[process].process_details['pid'] = number
+    victim = rig.processes[name].process_details['pid']
+
+    def check(beats):
+        for each, process in rig.processes.items():
+            number = process.process_details['pid']
+            if beats or each != name:
+                started_file(tmp_path, number).write_text(heartbeat and heartbeat.format(next(rig._ids)))
+        rig.supervision.check()
+
+    for _ in range(2 * SILENT_CHECKS):
+        check(beats=True)
+    for _ in range(min(most, BUSY_CHECKS) - 1):
+        check(beats=False)
+    assert not killed
+    for _ in range(3):
+        check(beats=False)
+    assert killed == ([(victim, signal.SIGKILL)] if most <= BUSY_CHECKS else [])
+    if killed and name != 'monitor':
+        rig._ids = itertools.count(victim)
+        (line,) = rig.end(name, KILLED)
+        assert 'hung and was killed' in line.msg[0].text and rig.restarts(name) == 1
+        assert rig.processes[name].process_details['env'][HUNG] == '1'
+        rig.end(name, KILLED)
+        assert rig.restarts(name) == 2 and rig.processes[name].process_details['env'][HUNG] == '1'
+
+
+PROGRAM = """
+import os, time
+from av_common.launched import HUNG, beat, restarts
+print('process', os.getpid(), restarts(), restarts(HUNG), flush=True)
+while True:
+    beat()
+    time.sleep(0.02)
+"""
+
+
+def test_a_stopped_process_of_a_launch_is_replaced(tmp_path, monkeypatch):
+    """SIGSTOP, as a debugger or a full terminal does; the next process knows why it is there."""
+    monkeypatch.setattr(supervision, 'CHECK_PERIOD_S', 0.05)
+    monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
+    process = ExecuteProcess(cmd=[sys.executable, '-c', PROGRAM], output='log', **RESPAWN)
+    entities = Supervision([process]).entities()
+
+    async def run():
+        service = LaunchService(noninteractive=True)
+        service.include_launch_description(LaunchDescription([*entities, process]))
+        running, first, end = asyncio.ensure_future(service.run_async()), None, time.monotonic() + 20.0
+        while time.monotonic() < end:
+            await asyncio.sleep(0.02)
+            number = (process.process_details or {}).get('pid')
+            if first is None and number and started_file(tmp_path, number).exists():
+                first = number
+                os.kill(first, signal.SIGSTOP)
+            if first is not None and number != first and started_file(tmp_path, number).exists():
+                break
+        await service.shutdown()
+        await running
+        process._subprocess_transport.close()    # while its loop is there
+        await asyncio.sleep(0.05)
+        return first, number
+
+    first, second = asyncio.run(run())
+    assert first and second != first
+    assert (process.process_details['env'][RESTARTS], process.process_details['env'][HUNG]) == ('1', '1')

@@ -1,4 +1,4 @@
-"""What a launch file and its processes tell each other: the folder of the run, restarts, and the end of a start.
+"""What a launch file and its processes tell each other: the folder of the run, restarts, the end of a start, and heartbeats.
 
 Without these variables of the environment a process was started by hand or by another program: it has no folder and counts
 no restarts.
@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 import os
 import struct
+import time
 from contextlib import suppress
 from pathlib import Path
 
 RUN_FOLDER = 'AV_RIG_RUN'     # folder of files that outlive a process but not the launch; marks the launch's processes, too
 RESTARTS = 'AV_RIG_RESTARTS'  # number of earlier processes of this launch that this one replaces
+HUNG = 'AV_RIG_HUNG'          # of them, how many had hung
 ON, OFF = b'on', b'off'
+BEAT_PERIOD_S = 0.5
 
 
 def run_folder() -> Path | None:
@@ -23,9 +26,9 @@ def run_folder() -> Path | None:
     return Path(folder) if folder else None
 
 
-def restarts() -> int:
-    """How often the launch has restarted this process; 0 for the first, and without a launch."""
-    text = os.environ.get(RESTARTS, '')
+def restarts(count: str = RESTARTS) -> int:
+    """How often the launch has restarted this process; 0 for the first, and without a launch. HUNG: because it had hung."""
+    text = os.environ.get(count, '')
     return int(text) if text.isdecimal() else 0
 
 
@@ -37,8 +40,20 @@ def report_started() -> None:
             started_file(folder, os.getpid()).touch()
 
 
+def beat(busy: bool = False) -> None:
+    """Tell the launch that this process goes on; called by what would stand still if it hung, every BEAT_PERIOD_S.
+
+    Parameters:
+        busy: whether it begins something that may take long, such as to load a model.
+    """
+    folder = run_folder()
+    if folder:
+        with suppress(OSError):
+            started_file(folder, os.getpid()).write_text(f'{"busy " if busy else ""}{time.monotonic():.3f}')
+
+
 def started_file(folder: Path, process: int) -> Path:
-    """The file that exists once a process has started.
+    """The file that exists once a process has started, and holds its newest heartbeat; empty for one without.
 
     Parameters:
         folder: the folder of the run.

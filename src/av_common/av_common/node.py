@@ -30,7 +30,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from av_common.launched import report_started, restarts
+from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
 from av_common.parameter_node import ParameterNode
 from av_common.parameter_rules import ParameterError, RenamedParameterError
 from av_common.publishers import PERIOD_S, Publishers
@@ -45,6 +45,7 @@ __all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RenamedParameterErr
 RETRY_S = 2.0
 FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
+TOLD_S = 60.0  # after its start for which a process warns that it replaces one that hung
 PAUSE_S = 0.01  # between errors of the middleware, so that a lasting one leaves the processor to others
 # Errors at start-up that may disappear until the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
@@ -76,6 +77,7 @@ class RigNode(ParameterNode):
 
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, parameters, **kwargs)
+        self._born = time.monotonic()
         self.done = Future()  # the process of the node ends when it is done
         self._problem = ''
         self._active = False
@@ -211,7 +213,12 @@ class RigNode(ParameterNode):
     def _destroy_all_but(self, kept: set[Any]) -> None:
         self.destroy_entities(entity for entity in self.entities() if entity not in kept)
 
+    def begin_heartbeat(self) -> None:
+        """Tell the launch from now on that the executor of this node goes on."""
+        self._steady_timer(BEAT_PERIOD_S, beat)
+
     def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
+        beat(busy=True)
         try:
             step()
         except Exception as error:  # noqa: BLE001  rclpy would discard it
@@ -252,7 +259,10 @@ class RigNode(ParameterNode):
             except Exception as error:  # noqa: BLE001  the status of a node is published whatever it contains
                 self.refused.refuse('diagnostics', error)
         self.refused.report(status)
+        if restarts(HUNG) and time.monotonic() - self._born < TOLD_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'replaces a process that hung')
         status.add('restarts', str(restarts()))
+        status.add('of them hung', str(restarts(HUNG)))
         return status
 
 
@@ -285,11 +295,13 @@ def run(node_class: Callable[[], RigNode]) -> None:
         rclpy.try_shutdown()
         sys.exit(1)
     report_started()
+    node.begin_heartbeat()
     threading.Thread(target=_finish_on_signal, args=(signals, node), daemon=True).start()
     try:
         _spin(node)
     finally:
         node.close()
+        beat(busy=True)
         node.destroy_node()
         rclpy.try_shutdown()
         for number in caught:   # Python resets its handlers while it exits: a second Ctrl-C would look like a crash

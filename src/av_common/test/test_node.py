@@ -11,12 +11,14 @@ import time
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from ros_domains import free_domain
 
+from av_common.launched import BEAT_PERIOD_S, HUNG, RUN_FOLDER, started_file
 from av_common.node import RigNode
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds, to_stamp
@@ -210,3 +212,37 @@ def test_rate_meter_counts_on_its_own_clock():
     assert meter.rate == pytest.approx(10.0) and meter.count == 100
     now[0] += 1.5
     assert meter.age == pytest.approx(1.5)
+
+
+def test_the_heartbeat_is_that_of_the_executor(executor, tmp_path, monkeypatch):
+    """It goes on while callbacks are called, inactive or not, says when a transition may take long, and stands still else."""
+    monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
+    beats, file = [], started_file(tmp_path, os.getpid())
+
+    class Slow(Sensor):
+        def configure(self) -> None:
+            beats.append(file.read_text())
+
+    node = Slow(plugged=True)
+    node.begin_heartbeat()
+    executor.add_node(node)
+
+    def changed():
+        if file.exists() and (not beats or file.read_text() != beats[-1]):
+            beats.append(file.read_text())
+        return len(beats) > 4
+    spin(executor, changed, 20.0)
+    assert beats[0].startswith('busy') and not any(beat.startswith('busy') for beat in beats[1:])
+    assert [float(beat) for beat in beats[1:]] == sorted(map(float, beats[1:]))
+    time.sleep(2.5 * BEAT_PERIOD_S)
+    assert file.read_text() == beats[-1]
+    node.destroy_node()
+
+
+def test_a_process_that_replaces_one_that_hung_says_so(executor, monkeypatch):
+    monkeypatch.setenv(HUNG, '2')
+    node = Sensor(plugged=True)
+    status = node._diagnose(DiagnosticStatusWrapper())
+    assert status.level == DiagnosticStatus.WARN and 'hung' in status.message
+    assert {entry.key: entry.value for entry in status.values}['of them hung'] == '2'
+    node.destroy_node()

@@ -12,11 +12,13 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from ros_domains import free_domain
+from std_srvs.srv import SetBool
 
 from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers, KeptSwitch
 from av_common.qos import RESULT
 from av_interfaces.msg import PointingCommand
 from av_pointing.controller import PointingController
+from av_pointing.nodes.pointing_node import DRAINED_S, PAUSE_S, PointingNode
 
 
 def first_command(environment):
@@ -59,3 +61,32 @@ def test_a_controller_starts_within_its_limits():
     controller.start_at(9.0, -math.inf)
     assert controller.gimbal.pan.position == controller.settings.pan.upper
     assert controller.gimbal.tilt.position == controller.settings.tilt.lower
+
+
+def test_a_node_that_stood_still_does_not_obey_a_request_that_may_have_waited():
+    """As after SIGSTOP and SIGCONT: neither before nor after its timer ran again; it may always be disabled."""
+    rclpy.init(args=['--ros-args', '-p', 'enabled:=false', '-p', 'autostart:=false'], domain_id=free_domain())
+    node, executor = PointingNode(), SingleThreadedExecutor()
+    executor.add_node(node)
+    node.trigger_configure()
+    node.trigger_activate()
+
+    def ask(data):
+        return node._on_enable(SetBool.Request(data=data), SetBool.Response())
+
+    try:
+        assert ask(True).success and node._stage.controller.enabled
+        assert ask(False).success and not node._stage.controller.enabled
+        time.sleep(PAUSE_S + 0.1)
+        assert 'ask again' in ask(True).message
+        node._on_time()
+        assert not ask(True).success and not node._stage.controller.enabled and ask(False).success
+        end = time.monotonic() + 10.0
+        began = time.monotonic()
+        while not (answer := ask(True)).success and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.02)
+        assert answer.success and node._stage.controller.enabled and time.monotonic() - began > 0.8 * DRAINED_S
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.shutdown()

@@ -29,6 +29,9 @@ from av_pointing.nodes.pointing_node_parameters import pointing_node as paramete
 from av_pointing.settings import pointing_settings, with_gimbal
 from av_pointing.stage import make_pointing_stage
 
+PAUSE_S = 1.0  # without a command of a node whose period is PERIOD_S: its process was stopped, and what waits in queues is old
+DRAINED_S = 0.5  # after a pause, in which requests that waited are answered
+
 
 class PointingNode(RigNode):
     """Runs a `PointingStage`."""
@@ -58,6 +61,7 @@ class PointingNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
+        self._ran, self._resumed = time.monotonic(), -math.inf
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
         self.refuse_second_publishers('target/bearing', 'odometry', tell=partial(setattr, self._stage, 'contested'))
         self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
@@ -100,6 +104,10 @@ class PointingNode(RigNode):
         self._stage.on_cue(message, self._instant())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._notice_pause()
+        if request.data and self._ran - self._resumed < DRAINED_S:
+            response.message = 'this process stood still, and the request may be old: ask again'
+            return response
         self._enabled.set(request.data)
         self._stage.controller.enabled = request.data
         response.success, response.message = True, 'commands move the rig' if request.data else 'commands move nothing'
@@ -108,7 +116,13 @@ class PointingNode(RigNode):
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self._instant()))
 
+    def _notice_pause(self) -> None:
+        now = time.monotonic()
+        self._resumed = now if now - self._ran > PAUSE_S else self._resumed
+        self._ran = now
+
     def _publish(self, command: PointingCommand) -> None:
+        self._notice_pause()
         self._timer.reset()  # the next command follows within one period
         self._angles.keep(command.pan, command.tilt)
         self._publisher.publish(command)
