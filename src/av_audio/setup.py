@@ -32,6 +32,7 @@ setup(
             'doa_node = av_audio.nodes.doa_node:main',
             'calibrate = av_audio.cli.calibrate:main',
             'localize = av_audio.cli.localize:main',
+            'record_ego_noise = av_audio.cli.record_ego_noise:main',
         ],
     },
 )

@@ -78,5 +78,5 @@ class DroneModel:
         features = len(layers[0][0]) if layers else 0
         if features != DroneFeatures.COUNT:
             raise ValueError(f'a model of {features} features, expected {DroneFeatures.COUNT}')
-        return cls(layers, arrays['mean'], arrays['scale'], *arrays['calibration'].tolist(),
-                   cls._of(beside) if beside else None)
+        slope, offset = arrays['calibration'].tolist()
+        return cls(layers, arrays['mean'], arrays['scale'], slope, offset, cls._of(beside) if beside else None)

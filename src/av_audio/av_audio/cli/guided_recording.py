@@ -1,4 +1,4 @@
-"""A recording for `calibrate`: a person carries a loudspeaker from place to place and is told where to."""
+"""Guided recordings: a person is told what to do, such as where to carry a loudspeaker for `calibrate`."""
 
 from __future__ import annotations
 
@@ -44,22 +44,29 @@ def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound:
     Raises ValueError when the device cannot be opened or is lost, OSError when a file cannot be written.
     """
     import soundfile
-    buffer = RingBuffer(source.channels, BUFFER_BYTES)
-    pieces: list[NDArray] = []
-    source.start(buffer)
-    try:
-        for number, azimuth in enumerate(azimuths_deg, start=1):
-            ask(f'{number} of {len(azimuths_deg)}: loudspeaker to {azimuth:+g} deg ({_in_words(azimuth)}), as high as the '
-                'microphones and 2 m or more away; let it hiss and press Enter')
-            pieces.append(_next(buffer, round(dwell_s * source.sample_rate)))
-    finally:
-        source.stop()
-    soundfile.write(str(sound), np.concatenate(pieces), source.sample_rate)
+    requests = [f'{number} of {len(azimuths_deg)}: loudspeaker to {azimuth:+g} deg ({_in_words(azimuth)}), as high as the '
+                'microphones and 2 m or more away; let it hiss and press Enter'
+                for number, azimuth in enumerate(azimuths_deg, start=1)]
+    soundfile.write(str(sound), np.concatenate(pieces(source, requests, dwell_s, ask)), source.sample_rate)
     with Path(truth).open('w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(['time', 'azimuth_deg'])
         for k, azimuth in enumerate(azimuths_deg):
             table.writerows([[k * dwell_s, azimuth], [(k + 1) * dwell_s - 1e-3, azimuth]])
+
+
+def pieces(source: Source, requests: Sequence[str], dwell_s: float, ask: Callable[[str], object] = input) -> list[NDArray]:
+    """What a device hears (n, channels) for `dwell_s` s after each request was fulfilled; other parameters as of `record`."""
+    buffer = RingBuffer(source.channels, BUFFER_BYTES)
+    heard: list[NDArray] = []
+    source.start(buffer)
+    try:
+        for request in requests:
+            ask(request)
+            heard.append(_next(buffer, round(dwell_s * source.sample_rate)))
+    finally:
+        source.stop()
+    return heard
 
 
 def _next(buffer: RingBuffer, count: int) -> NDArray:
