@@ -28,7 +28,7 @@ ABSENT, ABSENT_DB = 0.1, (-30.0, -5.0)
 # judged it is at most: beside something else, beside a drone.
 BESIDE, SEPARATED = 0.35, 0.6
 QUIETER_DB, LOUDER_DB, LOUDER_SEPARATED_DB = -25.0, (-3.0, 3.0), (3.0, 14.0)
-EPOCHS, PENALTY = 15, 5.0  # PENALTY is scikit-learn's alpha
+EPOCHS, PENALTY = 25, 1.0  # PENALTY is scikit-learn's alpha
 RIG_COUNT = 2  # how often an example that the rig heard in simulated scenes counts
 
 
