@@ -45,8 +45,9 @@ class SpectrumAnalyzer:
         response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), order)
         above = (frequencies > high) & (frequencies <= highest_hz)
         used = np.flatnonzero((response > LEAST_RESPONSE) | above)
-        if len(used) < 16:
-            raise ValueError(f'{len(used)} frequency bins in {low:g}..{high:g} Hz; the window of '
+        passed = np.count_nonzero(response > LEAST_RESPONSE)
+        if passed < 16:
+            raise ValueError(f'{passed} frequency bins in {low:g}..{high:g} Hz; the window of '
                              f'{window_samples / sample_rate:g} s is too short')
         self._bins = slice(used[0], used[-1] + 1)
         # Only the lowest bins of a window are needed, which each of its interleaved parts has as well (decimation in time).

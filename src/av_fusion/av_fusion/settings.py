@@ -30,6 +30,29 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     return tracker
 
 
+def check_sense(p: Any) -> None:
+    """Raise ValueError for parameters by which nothing could be heard, seen or followed, although each is within its bounds.
+
+    Parameters:
+        p: the parameters of fusion_node.
+    """
+    machine = MachineSettings()
+    for name, timeout in (('sound_delay', machine.sound_timeout), ('sight_delay', machine.sight_timeout)):
+        if abs(getattr(p, name)) >= timeout:
+            raise ValueError(f'{name} is {getattr(p, name):g} s, but what is older than {timeout:g} s does not count; expected '
+                             f'less, as `ros2 run av_evaluation estimate_latency` finds it')
+    for name in ('tau', 'follow_threshold'):
+        if getattr(p, name) >= 1.0:
+            raise ValueError(f'{name} is {getattr(p, name):g}, which no score and no probability exceeds; expected less than '
+                             '1, such as 0.5')
+    if p.detection_probability <= 0.0:
+        raise ValueError(f'detection_probability is {p.detection_probability:g}, with which no detection is the target; '
+                         'expected more than 0, such as 0.9')
+    if not any(name.strip() for name in p.target_classes):
+        raise ValueError(f'target_classes is {list(p.target_classes)}, so that no detection is the target; expected a name, '
+                         'such as drone')
+
+
 def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     """The suite's filter, or the published switch. See `make_tracker`.
 

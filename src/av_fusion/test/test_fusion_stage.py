@@ -15,6 +15,7 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
 from av_fusion.measurement.converter import fixed_rotations
+from av_fusion.nodes.fusion_node import FusionNode
 from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
 
@@ -286,3 +287,14 @@ def test_after_a_step_of_the_clock_silence_is_told_as_soon_as_ever(method, step,
     if heard_on:
         assert {state for passed, state, _ in states if -0.5 < passed <= 0.0} == {Bearing.STATE_ACOUSTIC_ACTIVE}
     assert set(stage.missing(now)) == {'doa', 'detections', 'odometry'}
+
+
+@pytest.mark.parametrize(('values', 'named'), [
+    ({'tau': 1.0}, 'tau is 1, .*expected less than 1'), ({'follow_threshold': 1.0}, 'follow_threshold is 1, .*less than 1'),
+    ({'detection_probability': 0.0}, 'detection_probability is 0, .*more than 0'),
+    ({'sound_delay': -1.5}, 'sound_delay is -1.5 s, .*expected less'), ({'sight_delay': 0.6}, 'sight_delay is 0.6 s'),
+    ({'target_classes': ['']}, r"target_classes is \[''\], .*expected a name"), ({'hysteresis': 0.6}, 'hysteresis is 0.6')])
+def test_parameters_that_exclude_everything_are_refused_by_name(values, named):
+    with pytest.raises(ValueError, match=named):
+        FusionNode.check_parameters(node_parameters('av_fusion', 'fusion_node', overrides=values))
+    FusionNode.check_parameters(node_parameters('av_fusion', 'fusion_node'))

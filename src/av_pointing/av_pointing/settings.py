@@ -17,6 +17,10 @@ def pointing_settings(p: Any) -> PointingSettings:
         lower, upper = getattr(p, name)
         if not lower <= 0.0 <= upper:
             raise ValueError(f'{name} is [{lower:g}, {upper:g}], expected a lower and an upper limit around 0')
+    reach = min(abs(limit) for limit in p.pan_limits_deg)
+    if p.move_body and p.move_gimbal and p.body_follows_at_deg >= reach > 0.0:
+        raise ValueError(f'body_follows_at_deg is {p.body_follows_at_deg:g}, where the pan of {list(p.pan_limits_deg)} deg '
+                         f'does not go: the body would never follow; expected less than {reach:g}')
     gimbal = (math.radians(p.gimbal_rate_deg), math.radians(p.gimbal_acceleration_deg))
     return PointingSettings(
         pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),

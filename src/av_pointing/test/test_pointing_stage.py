@@ -11,6 +11,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import bearing_message
 from av_interfaces.msg import PointingCommand
+from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
 
 START = 1000.0
@@ -81,3 +82,13 @@ def test_an_input_with_two_publishers_stops_the_body(topic):
     stage.contested = {}
     command = move(stage, bearing(time + 0.05, 0.5), time + 0.05)
     assert command.reason == 'following the bearing'
+
+
+@pytest.mark.parametrize(('values', 'named'), [
+    ({'body_follows_at_deg': 150.0}, r'body_follows_at_deg is 150, .*expected less than 150'),
+    ({'body_follows_at_deg': 90.0, 'pan_limits_deg': [-60.0, 120.0]}, 'body_follows_at_deg is 90, .*expected less than 60'),
+    ({'pan_limits_deg': [10.0, 60.0]}, 'pan_limits_deg is')])
+def test_a_body_that_would_never_follow_is_refused_by_name(values, named):
+    with pytest.raises(ValueError, match=named):
+        pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides=values))
+    pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides={'body_follows_at_deg': 60.0}))

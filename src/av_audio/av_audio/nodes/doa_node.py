@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -10,6 +11,7 @@ from std_msgs.msg import Float32MultiArray
 
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_audio.stage import localizer_settings, make_doa_stage
+from av_audio.start_check import check_ages, check_hearing
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -54,8 +56,11 @@ class DoaNode(RigNode):
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
-        """Band and elevations must rise."""
+        """Band and elevations must rise; and by all of them something must be heard, in time."""
         localizer_settings(settings)
+        check_ages(settings.window, settings.hop)
+        if Path(settings.array_file).is_file():  # else `configure` says so
+            check_hearing(settings)
 
     def check_change(self, settings: Any) -> None:
         """The band must be below half of the sample rate of the newest frames."""

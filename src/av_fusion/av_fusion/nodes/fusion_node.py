@@ -21,7 +21,7 @@ from av_common.rig import detections_topic, load_rig
 from av_common.tf_rotations import TfRotations
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
-from av_fusion.settings import make_tracker
+from av_fusion.settings import check_sense, make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, RigReport, TrackArray, Visibility
 from av_interfaces.srv import SelectTarget
@@ -86,6 +86,7 @@ class FusionNode(RigNode):
     @staticmethod
     def check_parameters(settings: Any) -> None:
         """Thresholds and limits must fit each other."""
+        check_sense(settings)
         make_tracker(settings)
 
     def apply_parameters(self) -> None:

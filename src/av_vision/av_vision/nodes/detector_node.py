@@ -83,6 +83,9 @@ class DetectorNode(RigNode):
         """The size of the input must be one that models have."""
         if settings.input_size % 32:
             raise ValueError(f'input_size is {settings.input_size}, expected a multiple of 32')
+        if settings.score_threshold >= 1.0:
+            raise ValueError(f'score_threshold is {settings.score_threshold:g}, which no score exceeds; expected less than 1, '
+                             'such as 0.25')
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         if not self.contested:
