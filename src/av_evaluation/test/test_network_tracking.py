@@ -75,6 +75,36 @@ def test_headings_and_clocks_are_found():
         assert abs(mean[1] - rig.clock_offset) < 4.0 * sigma[1] < 0.05
 
 
+def attacked(kind, seed):
+    """Reports of four rigs, of which the last one is wrong from 10 to 25 s."""
+    simulation, random = cases.square(seed, 4, 2, 45.0), np.random.default_rng(seed)
+    for time, report in simulation.arrivals():
+        sightings = report.sightings
+        if report.rig == 'rig4' and 10.0 < time < 25.0:
+            if kind == 'turned':
+                sightings = [one._replace(azimuth=math.remainder(one.azimuth + 0.5, math.tau)) for one in sightings]
+            else:
+                places = random.uniform([-3.0, 0.0], [3.0, 1.0], (48, 2))
+                sightings = [*sightings, *(Sighting(int(random.integers(1000, 10**9)), *place, np.eye(2) * 1e-5, report.time)
+                                           for place in places)]
+        yield time, report._replace(sightings=tuple(sightings))
+
+
+@pytest.mark.parametrize('kind', ['turned', 'forged'])
+def test_a_rig_that_contradicts_all_others_is_left_out_and_let_in_again(kind):
+    """Both drones keep their positions: the wrong rig is found out within 8 s, and used again within 8 s of being right."""
+    simulation, waiting, out, found = cases.square(33, 4, 2, 45.0), list(attacked(kind, 33))[::-1], [], []
+    peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0)))
+    for now in np.arange(0.1, 44.0, 0.1).tolist():
+        while waiting and waiting[-1][0] <= now:
+            peer.take(waiting.pop()[1], now)
+        places = [one.mean[:3] for one in peer.estimates(now)]
+        found.append([any(np.linalg.norm(place - drone) < 8.0 for place in places) for drone in simulation.truth(now)])
+        out.append([rig for name, rig in peer.tracker.rigs.items() if rig not in peer.tracker.trust])
+    assert np.mean(found[60:]) > 0.9
+    assert not any(out[:100]) and all(rigs == [3] for rigs in out[180:245]) and not any(out[330:])
+
+
 def test_origins_are_the_drones_behind_the_tracks():
     """Tracks that see a drone point at it; a track without an origin is false."""
     simulation = cases.five_drones(21)

@@ -223,13 +223,13 @@ class HypothesisFilter:
             rig: index of the rig.
             rows (k,): the targets.
             used: of each, see `Innovations.pick`.
-            learn (k,): whether the target's headings and clocks are corrected, too; if not, they stay, and their uncertainty
-                is considered (Schmidt 1966).
+            learn (k,): whether the target's clocks are corrected, too, as its headings are; if not, they stay, and their
+                uncertainty is considered (Schmidt 1966): a filtered velocity lags behind, which would bias them.
         """
         P, columns = self.covariance[rows], self._columns(rig)
         PH = P[..., columns] @ used.jacobians.swapaxes(-1, -2)
         gain = PH @ np.linalg.inv(used.covariances)
-        gain[:, :, :self._offset] *= learn[:, None, None, None]
+        gain[:, :, CLOCK:self._offset:RIG_SIZE] *= learn[:, None, None, None]
         self.mean[rows] += np.einsum('kfij,kfj->kfi', gain, used.residuals)
         half = gain @ (0.5 * used.covariances @ gain.swapaxes(-1, -2) - PH.swapaxes(-1, -2))
         self.covariance[rows] = P + half + half.swapaxes(-1, -2)

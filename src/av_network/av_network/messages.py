@@ -16,7 +16,7 @@ from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
 from av_network.network_target import TargetState
 from av_network.report import Report, Sighting
 
-MOST_TRACKS = 64  # of one rig that are read
+MOST_TRACKS = 50  # of one rig: its filter has no more
 LEAST_EXISTENCE = 0.5  # of a rig's target
 LONGEST_S = 1.0  # from the first direction of a report to the newest one
 LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed

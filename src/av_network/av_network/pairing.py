@@ -37,6 +37,10 @@ class Pairing:
         self._contested: dict[tuple[int, int], tuple[Observation, float]] = {}  # newest direction of each track, and its time
         self._refuted: dict[frozenset[tuple[int, int]], float] = {}  # pairs, and until when
 
+    def forget(self, rig: int) -> None:
+        """Forget the directions of a rig, by its index."""
+        self._contested = {key: pair for key, pair in self._contested.items() if key[0] != rig}
+
     def refute(self, keys: set[tuple[int, int]], time: float) -> None:
         """Note that tracks are not one target, from a time (s) on; more than two may still hold a pair that is."""
         if len(keys) == 2:

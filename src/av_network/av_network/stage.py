@@ -30,6 +30,7 @@ REPORTED = 0.5  # probability of existence from which a target is published
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 OLDEST_S = 2.0  # age of a message that is used
+CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
 MOST_POSITION_M = 1e6  # of a rig, along each axis
 
 
@@ -117,8 +118,11 @@ class NetworkStage:
         statistics, place = self.statistics[rig], self._places[rig]
         statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
         stamp = to_seconds(message.header.stamp)
-        if not -OLDEST_S <= stamp - arrival <= OLDEST_S:
-            raise ValueError(f'stamp of {rig} {stamp - arrival:+.2f} s from its arrival, expected up to {OLDEST_S} s')
+        index = self.tracker.rigs[rig]
+        late = arrival - self.tracker.filter.corrected_time(index, stamp)
+        uncertain = FUTURE_S + CERTAIN * float(self.tracker.filter.rig_state(index)[1][1])
+        if not -uncertain <= late <= OLDEST_S:
+            raise ValueError(f'stamp of {rig} {-late:+.2f} s from its arrival, expected {-OLDEST_S} to {uncertain:+.2f} s')
         if place.source == ODOMETRY and np.all(np.abs(message.position) < MOST_POSITION_M):
             self._positions[rig] = place.position + message.position
         if rig not in self._positions:

@@ -21,6 +21,7 @@ from av_network.pairing import HOPELESS, Pairing
 from av_network.report import Report
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
+from av_network.trust import RigTrust
 
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 JOINING_GATE = 9.0
@@ -50,6 +51,7 @@ class NetworkTracker:
         filter: states of all hypotheses, headings and clocks.
         hypotheses: in the order of the filter.
         unexplained: newest observation of each rig's track that belongs to no target, with its time by the reference clock.
+        trust: the rigs that are used.
 
     Parameters:
         rigs: what is known of each.
@@ -71,6 +73,7 @@ class NetworkTracker:
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._pairing = Pairing(self.settings)
+        self.trust = RigTrust(len(self._known))
         self._decided = -math.inf
         self._density = self.settings.target_density  # 1/sr, of those that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
@@ -103,6 +106,10 @@ class NetworkTracker:
         """Associate, update, teach, and propose candidates."""
         innovations = self.filter.innovations(observations)
         assigned = self._assign(rig, observations, innovations, time)
+        self._judge(rig, observations, assigned, time)
+        if rig not in self.trust:
+            self._leave_out(rig)
+            return
         # A crowd of directions that are not explained makes chance meetings likely.
         self._density = max(self.settings.target_density, (len(observations) - len(assigned) - USUAL_REST) / SKY)
         known = explained(self.hypotheses, time - SILENT_S, self._least_odds)
@@ -118,6 +125,23 @@ class NetworkTracker:
                 self.unexplained[one.key] = (one, time)
         open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved]
         self._pairing.propose(self.filter, self.hypotheses, open_to_pairs, self._density, time)
+
+    def _judge(self, rig: int, observations: Sequence[Observation], assigned: dict[int, int], time: float) -> None:
+        """Note whether a rig reports what others observe, while two of them or more observe a target within its range."""
+        others = [{other for other, _ in each.tracks(time - SILENT_S) if other != rig and other in self.trust}
+                  for each in self.hypotheses]
+        means, reach = self.filter.targets()[0], self.settings.most_distance
+        if any(each.confirmed and len(seen) > 1 and np.linalg.norm(mean[:3] - observations[0].position) < reach
+               for each, seen, mean in zip(self.hypotheses, others, means, strict=True)):
+            self.trust.note(rig, {one.sighting.id: column in assigned and bool(others[assigned[column]])
+                                  for column, one in enumerate(observations)}, time)
+
+    def _leave_out(self, rig: int) -> None:
+        """Forget what a rig has reported that contradicts the others."""
+        for each in self.hypotheses:
+            each.members.pop(rig, None)
+        self.unexplained = {key: pair for key, pair in self.unexplained.items() if key[0] != rig}
+        self._pairing.forget(rig)
 
     def _assign(self, rig: int, observations: Sequence[Observation], innovations: Innovations, time: float) -> dict[int, int]:
         """The target (index) of each observation (index) that stems from one."""

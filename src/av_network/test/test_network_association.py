@@ -12,6 +12,7 @@ from av_network.observation import Observation
 from av_network.packing import best_packing, log_odds
 from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
+from av_network.trust import RigTrust
 
 
 def exhaustive(scores, members):
@@ -95,3 +96,20 @@ def test_a_rig_that_comes_back_is_waited_for():
         used += [each.time for each in queue.ready(now) if each.rig == 'b']
     assert queue.late == {'b': 2}
     assert used == pytest.approx([0.25 * k + 0.1 for k in there if k not in (0, 60)])
+
+
+def test_a_rig_is_trusted_while_it_is_more_probably_right():
+    """Against the posterior odds by hand; directions of one track count once a second, and one that agrees is used again."""
+    trust = RigTrust(2)
+    for k in range(5):
+        trust.note(1, {7: False}, float(k))
+    assert 0 in trust and 1 in trust, 'one track that nobody else has is no proof: 4.08 - 5 * 0.64'
+    for k in range(40):
+        trust.note(0, {7: False}, 5.0 + 0.01 * k)
+        trust.note(1, {7: False}, 5.0 + 0.05 * k)
+    assert 0 in trust and 1 not in trust
+    trust.note(0, dict.fromkeys(range(100, 108), False), 6.0)
+    assert 0 not in trust, 'many new ones at once'
+    for time in (10.0, 11.0):
+        trust.note(1, {8: True}, time)
+    assert 1 in trust

@@ -165,14 +165,24 @@ def test_singular_or_huge_information_is_not_believed():
             assert np.all(np.linalg.eigvalsh(track.position_covariance.reshape(3, 3)) > 0.0)
 
 
+def test_the_future_is_refused_beyond_the_uncertainty_of_the_clock():
+    """The first rig has the reference clock: 0.1 s for the step of a timer. The other one's is known within 0.05 s."""
+    rigs = [RigSettings('left', 0.01, 0.0), RigSettings('right', 0.01, 0.05)]
+    stage = NetworkStage(rigs, [RigPlace(SURVEYED, PLACES[rig.name]) for rig in rigs])
+    for name, ahead in (('left', 0.09), ('right', 0.29)):
+        stage.on_report(name, report(name, START + ahead), 200, START)
+        with pytest.raises(ValueError, match=rf'stamp of {name} \+0.32 s from its arrival'):
+            stage.on_report(name, report(name, START + 0.32), 200, START)
+
+
 def test_stamps_of_another_clock_and_too_many_tracks_are_refused():
     """With the rig's name in the error."""
     stage = stage_of()
     with pytest.raises(ValueError, match='stamp of left'):
         stage.on_report('left', report('left', START), 200, START + 60.0)
     message = report('left', START)
-    message.directions = message.directions * 65
-    with pytest.raises(ValueError, match='65 targets of left'):
+    message.directions = message.directions * 51
+    with pytest.raises(ValueError, match='51 targets of left'):
         stage.on_report('left', message, 200, START)
 
 

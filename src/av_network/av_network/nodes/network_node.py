@@ -99,6 +99,10 @@ class NetworkNode(RigNode):
             heading, heading_sigma = math.degrees(mean[0]), math.degrees(sigma[0])
             status.add(f'{name} heading correction (deg)', f'{heading:.2f} +- {heading_sigma:.2f}')
             status.add(f'{name} clock offset (ms)', f'{1e3 * mean[1]:.1f} +- {1e3 * sigma[1]:.1f}')
+        out = [name for name, index in self._stage.tracker.rigs.items() if index not in self._stage.tracker.trust]
+        if out:
+            status.mergeSummary(DiagnosticStatus.ERROR, f'{", ".join(out)} left out until it agrees with others: are heading, '
+                                'position and clock right, and is it the rig that reports?')
         if silent:
             status.mergeSummary(DiagnosticStatus.WARN, f'nothing from {", ".join(silent)}')
         status.add('tracks', str(self._published))

@@ -1,0 +1,46 @@
+"""Which rigs report what the others observe, too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+AGREES, BY_CHANCE = 0.5, 0.05  # probability that a track of a rig that is right, or wrong, is on a target that others observe
+CHANGE_S = 60.0  # mean time for which a rig is right, or wrong
+EVIDENCE_S = 1.0  # of a track that counts once: its directions are alike
+
+
+class RigTrust:
+    """The probability that each rig is right, by Bayes' rule: of two hypotheses, between which it changes at a constant rate.
+
+    A rig that is right has tracks of targets that others observe, among some that nobody else does. One that is wrong, as its
+    heading is far off or its reports are forged, agrees with others only by chance. A rig is used while it is more probably
+    right than wrong. This is a sequential test (Wald, Sequential Analysis, 1947) with a forgetting that lets rigs in again.
+
+    Parameters:
+        rigs: their number; all count as right at first.
+    """
+
+    def __init__(self, rigs: int) -> None:
+        self._most = math.log(CHANGE_S / EVIDENCE_S - 1.0)
+        self._odds = [self._most] * rigs
+        self._noted: dict[tuple[int, int], float] = {}
+
+    def note(self, rig: int, agreeing: Mapping[int, bool], time: float) -> None:
+        """Note a report.
+
+        Parameters:
+            rig: index of the rig.
+            agreeing: whether each of its tracks, by id, is on a target that other rigs observe.
+            time (s): by the reference clock.
+        """
+        self._noted = {key: last for key, last in self._noted.items() if 0.0 <= time - last < CHANGE_S}
+        for track, agrees in agreeing.items():
+            weight = min((time - self._noted.get((rig, track), -math.inf)) / EVIDENCE_S, 1.0)
+            ratio = math.log(AGREES / BY_CHANCE if agrees else (1.0 - AGREES) / (1.0 - BY_CHANCE))
+            self._odds[rig] = min(max(self._odds[rig] + weight * ratio, -self._most), self._most)
+            self._noted[rig, track] = time
+
+    def __contains__(self, rig: object) -> bool:
+        """Whether a rig, by its index, is more probably right than wrong."""
+        return isinstance(rig, int) and self._odds[rig] >= 0.0
