@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from av_bringup.security.keystore import check_enclave
+
 FOLDER = Path(__file__).parents[1] / 'config' / 'systemd'
 LAUNCH_FILE = Path(__file__).parents[1] / 'launch' / 'rig.launch.py'
 MOST_EXPOSED = 4.0    # of 10, by `systemd-analyze security`
@@ -71,3 +73,28 @@ def test_the_example_names_arguments_of_the_launch_file():
     text = LAUNCH_FILE.read_text() + (Path(__file__).parents[1] / 'src/av_bringup/av_bringup/launching.py').read_text()
     for argument in settings()['RIG_ARGUMENTS'].split():
         assert f"'{argument.partition(':=')[0]}': (" in text
+
+
+def test_the_example_keeps_dds_on_this_machine():
+    """An installed ROS 2 looks for nodes in the whole subnet, where the variable is not set."""
+    assert settings()['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+
+
+def test_a_keystore_as_the_guide_copies_it_is_accepted_and_readable_by_the_group_alone(tmp_path):
+    """By the commands of the guide, without sudo and change of the owner."""
+    made, keys = tmp_path / 'keys', tmp_path / 'etc'
+    subprocess.run(['ros2', 'run', 'av_bringup', 'security', '--keystore', str(made)], check=True, capture_output=True,
+                   timeout=60.0)
+    guide = (FOLDER.parents[1] / 'docs/guides/service.md').read_text()
+    commands = re.findall(r'^sudo (rsync|chmod) (.*)$', guide, re.MULTILINE)
+    assert [program for program, _ in commands] == ['rsync', 'chmod']
+    if shutil.which('rsync') is None:
+        shutil.copytree(made, keys, ignore=shutil.ignore_patterns('private'), symlinks=True)
+        commands = commands[1:]
+    for program, words in commands:
+        told = words.replace(' keys/', f' {made}/').replace('/etc/rig/keys', str(keys)).split()
+        subprocess.run([program, *told], check=True, timeout=20.0)
+    check_enclave(keys, '/fusion_node')
+    assert not (keys / 'private').exists()
+    files = [path for path in keys.rglob('*') if not path.is_symlink()]
+    assert files and all(path.stat().st_mode & 0o077 == (0o050 if path.is_dir() else 0o040) for path in files)

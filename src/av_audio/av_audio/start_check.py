@@ -42,13 +42,14 @@ def check_ages(window: float, hop: float) -> None:
                          f'before the next one comes, but counts for {COUNTS_S:g} s only; expected at most {right:.2f} s')
 
 
-def check_hearing(parameters: Any) -> None:
+def check_hearing(parameters: Any, array: MicrophoneArray) -> None:
     """Raise ValueError where clean sound has no confidence, or where directions take longer than their hop to compute.
 
     Parameters:
-        parameters: generated struct of doa_node with an array file that can be read.
+        parameters: generated struct of doa_node.
+        array: its microphones.
     """
-    array, settings = MicrophoneArray.load(parameters.array_file), localizer_settings(parameters)
+    settings = localizer_settings(parameters)
     rate = max(USUAL_RATE, round(2.5 * settings.band_hz[1]))
     stage = DoaStage(array, settings, drone_model=load_model(parameters.drone_model))
     sound, costs = audio_frame(_clean_sound(array, settings, rate), 0, rate, Header()), list[float]()

@@ -184,6 +184,8 @@ def test_the_shipped_files_agree():
     ('/**/audio_node: {ros__parameters: {channels: [0, 1, 2]}}', 'captures 3'),
     ('/**/camera_node: {ros__parameters: {width: 1280, height: 720}}', '1280x720'),
     ('/**/camera_node: {ros__parameters: {horizontal_fov_deg: 50.0}}', 'a view of 50'),
+    ('/**/doa_node: {ros__parameters: {band_low: 300.0, band_high: 300.1}}', 'wider band'),
+    ('/**/doa_node: {ros__parameters: {window: 4.0}}', 'window is 4 s'),
     ('/**/audio_node: {ros__parameters: {sample_rate: -1}}', 'sample_rate'), ('[', 'params.yaml')])
 def test_files_that_contradict_each_other(parameters, words, tmp_path):
     file = tmp_path / 'params.yaml'
@@ -248,7 +250,8 @@ def test_the_program_says_it_in_words_in_json_and_by_its_exit_code(capsys, monke
     assert run(capsys, monkeypatch, Finding('clock', 'warning', 'w', 'r'))[0] == 0
 
 
-@pytest.mark.parametrize('words', [['--clap', 'sideways'], ['--only', 'weather'], ['--seconds', 'long']])
+@pytest.mark.parametrize('words', [['--clap', 'sideways'], ['--only', 'weather'], ['--seconds', 'long']] + [
+    [f'--{name}={value}'] for name in ('clap', 'seconds') for value in ('nan', 'inf', '-inf', '1e308', '-1e9', '')])
 def test_arguments_that_cannot_be_used_end_with_2(words, monkeypatch):
     monkeypatch.setattr(sys, 'stderr', sys.stdout)
     with pytest.raises(SystemExit) as end:

@@ -12,6 +12,7 @@ from std_msgs.msg import Float32MultiArray
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_audio.stage import localizer_settings, make_doa_stage
 from av_audio.start_check import check_ages, check_hearing
+from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -60,7 +61,7 @@ class DoaNode(RigNode):
         localizer_settings(settings)
         check_ages(settings.window, settings.hop)
         if Path(settings.array_file).is_file():  # else `configure` says so
-            check_hearing(settings)
+            check_hearing(settings, MicrophoneArray.load(settings.array_file))
 
     def check_change(self, settings: Any) -> None:
         """The band must be below half of the sample rate of the newest frames."""

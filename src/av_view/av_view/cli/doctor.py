@@ -21,6 +21,7 @@ from av_view.doctor.microphones import DIRECTIONS
 
 AREAS = ('files', 'devices', 'microphones', 'camera', 'machine', 'px4')
 DEFAULT = AREAS[:-1]
+SECONDS = (0.5, 600.0)  # to listen: from a few windows to a walk around the rig
 
 
 def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
@@ -34,12 +35,20 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--clap', metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
     parser.add_argument('--json', action='store_true', help='print JSON')
     options = parser.parse_args(words)
+    if not SECONDS[0] <= options.seconds <= SECONDS[1]:
+        parser.error(f'--seconds is {options.seconds:g}, expected {SECONDS[0]:g} to {SECONDS[1]:g}')
     if options.clap is not None:
-        try:
-            options.clap = math.radians(DIRECTIONS[options.clap] if options.clap in DIRECTIONS else float(options.clap))
-        except ValueError:
-            parser.error(f'--clap is {options.clap!r}, expected {", ".join(DIRECTIONS)}, or degrees')
+        options.clap = math.radians(DIRECTIONS.get(options.clap, _number(options.clap)))
+        if not abs(options.clap) <= math.tau:
+            parser.error(f"--clap is not {', '.join(DIRECTIONS)}, or degrees from -360 to 360")
     return options
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def look(options: argparse.Namespace) -> list[Finding]:

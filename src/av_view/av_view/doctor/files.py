@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from av_audio.start_check import check_ages, check_hearing
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_view.doctor.finding import Finding
@@ -33,10 +34,13 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
             check_parameter_file(file, [f'/{name}' for name in node_modules()])
         audio = node_parameters('av_audio', 'audio_node', parameter_files)
         camera = node_parameters('av_vision', 'camera_node', parameter_files)
-        array_file = node_parameters('av_audio', 'doa_node', parameter_files).array_file
+        hearing = node_parameters('av_audio', 'doa_node', parameter_files)
+        check_ages(hearing.window, hearing.hop)
+        check_hearing(hearing, array)
     except (OSError, ValueError) as error:
         return [Finding(AREA, 'error', str(error), 'correct the file, or write another: ros2 run av_view setup')], None
-    found = [*_array_findings(array, list(audio.channels)), *_mount_findings(rig, array_file), *_camera_findings(rig, camera)]
+    found = [*_array_findings(array, list(audio.channels)), *_mount_findings(rig, hearing.array_file),
+             *_camera_findings(rig, camera)]
     return found or [Finding(AREA, 'ok', f'{Path(rig_file).name}: {array.channels} microphones ({array.name}), camera '
                              f'{rig.camera.width}x{rig.camera.height}, {rig.camera.horizontal_fov_deg:.0f} degrees')], rig
 
