@@ -30,8 +30,9 @@ from av_view.feed import Feed, Position
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
 PROTOCOL = Subprotocol('rig')  # a viewer offers this one, and its token as another one
-MOST_HOLDERS, MOST_GUESTS = 20, 100  # of holders the one that asked longest ago gives way, guests are refused
+MOST_HOLDERS, MOST_GUESTS = 20, 100  # beyond which others give way, or guests are refused
 GUESTS_AT_ONCE = 20  # that get one update
+IDLE_S = 3.0  # after which a guest that neither asks nor waits gives way to another one
 PATIENCE_S = 20.0  # after which a viewer is dropped that neither asks nor waits for an update
 MOST_OPENING, OPENING_S = 256, 5.0  # connections that are no viewers (yet), and how long each may take
 TIDY_S = 1.0
@@ -213,7 +214,7 @@ class ViewServer:
             return _response(HTTPStatus.FORBIDDEN, 'text/plain', f'{refusal}\n'.encode())
         path = request.path.partition('?')[0]
         if path == '/feed':
-            if self._holds_token(request) or sum(not viewer.holds_token for viewer in self._viewers) < MOST_GUESTS:
+            if self._has_room(self._holds_token(request)):
                 return None
             self.refused += 1
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, 'text/plain', b'There are too many viewers.\n')
@@ -225,13 +226,24 @@ class ViewServer:
         offered = request.headers.get_all('Sec-WebSocket-Protocol') if request else []
         return any(self._access.may_control(word.strip()) for line in offered[:1] for word in line.split(',')[:2])
 
+    def _has_room(self, holds_token: bool) -> bool:
+        """Whether one more viewer of a class is let in; in place of the one that asked longest ago where there are many.
+
+        Parameters:
+            holds_token: of the class; its viewers always get room, guests only from one that is idle.
+        """
+        others = [viewer for viewer in self._viewers if viewer.holds_token == holds_token]
+        if len(others) < (MOST_HOLDERS if holds_token else MOST_GUESTS):
+            return True
+        idle = [viewer for viewer in others if holds_token or
+                (viewer not in self._waiting and viewer.asked < time.monotonic() - IDLE_S)]
+        if idle:
+            self._drop(min(idle, key=lambda viewer: viewer.asked), 'others want to look')
+        return bool(idle)
+
     async def _serve_viewer(self, connection: ServerConnection) -> None:
         viewer = _Viewer(connection, self._holds_token(connection.request), self._rigs[0] if self._rigs else None)
         self._opening.pop(connection, None)
-        if viewer.holds_token:
-            holders = sorted((one for one in self._viewers if one.holds_token), key=lambda one: one.asked)
-            for superfluous in holders[:max(len(holders) + 1 - MOST_HOLDERS, 0)]:
-                self._drop(superfluous, 'too many viewers with the token')
         self._viewers.add(viewer)
         self._tell_rigs([viewer], self._rigs)
         try:

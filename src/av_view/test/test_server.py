@@ -174,9 +174,25 @@ def test_a_hundred_guests_cost_the_holder_of_the_token_nothing_and_together_no_m
             assert wait_for(lambda left=MOST_GUESTS - number * GUESTS_AT_ONCE: len(page.server._waiting) > left)
         served = [sum('"state"' in str(message) for message in pending(guest)) for guest in guests]
         assert served == [1] * MOST_GUESTS  # of 10 updates 5 went to all in turn, as no guest has asked again
-        with pytest.raises(InvalidStatus, match='503'), page.viewer():
-            pass
         assert page.get('/')[0].status == 200
+        for guest in guests:
+            guest.send('{"do": "next"}')
+        assert wait_for(lambda: len(page.server._waiting) == MOST_GUESTS - GUESTS_AT_ONCE + 1)
+        with pytest.raises(InvalidStatus, match='503'), page.viewer():
+            pass  # all of them look
+
+
+def test_idle_guests_keep_no_other_out(page, monkeypatch):
+    monkeypatch.setattr(server, 'IDLE_S', 0.0)
+    monkeypatch.setattr(server, 'MOST_GUESTS', 3)
+    with ExitStack() as stack:
+        for _ in range(3):
+            idle = stack.enter_context(connect(f'ws://127.0.0.1:{page.server.port}/feed', proxy=None))
+        assert wait_for(lambda: page.server.viewers == 3)
+        with page.viewer() as guest:
+            page.publish()
+            update(guest)
+            assert page.server.viewers == 3 and idle is not None
 
 
 def test_the_holder_is_never_refused(page):

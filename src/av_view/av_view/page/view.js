@@ -41,7 +41,7 @@ function take(message) {
     serial = message.serial;
     for (const row of fresh) { if (rows.length && row[TIME] < rows[rows.length - 1][TIME]) rows = []; rows.push(row); } // a replay may begin again
     while (rows[0]?.[TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
-    requestAnimationFrame(() => { state = message.state; if (state) show(); ask('next'); });
+    requestAnimationFrame(() => { state = message.state; try { if (state) show(); } finally { ask('next'); } });
   } else if (message.type === 'health') {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
@@ -138,7 +138,7 @@ $('mark').onsubmit = event => { event.preventDefault(); act('mark', { value: $('
 function confirmMove(action, target, values = {}) {
   pending = [action, values];
   $('ask-words').textContent = askWords(action, valueOf('pointing_node', 'may move'), target);
-  $('ask').returnValue = ''; $('ask').showModal();
+  $('ask').returnValue = ''; $('ask').close(); $('ask').show(); // not modal: the stop stays in reach
 }
 $('ask').onclose = () => { if ($('ask').returnValue === 'yes') act(...pending); $('ask').returnValue = ''; };
 for (const id of ['record', 'pause']) $(id).onclick = () => act(id, { value: Boolean($(id).value) });

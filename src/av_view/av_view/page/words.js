@@ -2,8 +2,8 @@
 'use strict';
 
 const signed = (value, digits = 1) => (value > 0 ? '+' : '') + value.toFixed(digits);
-const percent = value => `${Math.round(100 * value)} %`;
-const sure = value => value === null || value === undefined ? '' : `, sure to ${percent(value)}`;
+const percent = value => `${value < 1 ? Math.min(99, Math.round(100 * value)) : 100} %`;
+const sure = value => value === null || value === undefined ? '' : `, sure to ${percent(Math.min(value, 0.99))}`; // nothing is certain
 const listed = words => words.length < 2 ? words.join('') : `${words.slice(0, -1).join(', ')} and ${words[words.length - 1]}`;
 const SENSES = { sound: 'heard', sight: 'seen' };
 const NODES = { audio_node: 'microphones', doa_node: 'hearing', camera_node: 'camera', detector_node: 'detector', fusion_node: 'fusion', pointing_node: 'pointing',
@@ -36,7 +36,7 @@ function reasonWords(bearing, fusion) {
     .replace(/(heard|seen) at ([+-]?\d+) deg, judged not a drone \((0?\.\d+|1\.0*|0)\)/, (_, sense, azimuth, p) => `${sense} at ${azimuth}° and not followed: a drone to ${percent(Number(p))} only`)
     .replace(/^sight confidence [\d.]+ >= [\d.]+$/, '')
     .replace(/sight confidence ([\d.]+) < ([\d.]+)/, (_, score, least) => `seen to ${percent(Number(score))}, ${percent(Number(least))} are needed`)
-    .replace('no recent image', 'no pictures come').replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard just now')
+    .replace('no recent image', 'no recent picture').replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard just now')
     .replace(/(\S+) has (\d+) publishers \(([^)]*)\)/g, (_, topic, count, names) => `${INPUTS[topic] ?? topic} come from ${count} programs (${names}) and are not used`);
   const missing = fusion.missing.map(name => INPUTS[name] ?? name);
   return [reason, missing.length ? `${listed(missing)} ${missing.length > 1 || /^d/.test(missing[0]) ? 'are' : 'is'} missing` : ''].filter(Boolean).join('; ');
@@ -54,7 +54,7 @@ const COMMANDS = { hold: 'Stands still', track: 'Follows', search: 'Turns to tel
 function commandWords(command) {
   if (!command) return 'No commands.';
   const parts = [command.pan === null ? '' : `gimbal at ${signed(command.pan, 0)}°, ${signed(command.tilt, 0)}°`, command.yaw_rate ? `body turns at ${signed(command.yaw_rate, 0)}°/s` : ''].filter(Boolean);
-  return `${COMMANDS[command.mode]}: ${command.reason}${parts.length ? ` (${parts.join('; ')})` : ''}.`;
+  return `${COMMANDS[command.mode]}${command.reason === 'following the bearing' ? '' : `: ${command.reason}`}${parts.length ? ` (${parts.join('; ')})` : ''}.`;
 }
 
 // What may move, by what pointing_node is configured to command; null while it has not said so.

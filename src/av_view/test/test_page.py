@@ -1,0 +1,125 @@
+"""The page in a browser, fed by hand: what it says before something moves, and where its stop is."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
+
+from av_view.access import Access
+from av_view.browser import Browser, find_browser
+from av_view.rig_state import RigState
+from av_view.rows import row_of
+from av_view.server import ViewServer
+
+pytestmark = [pytest.mark.system,
+              pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]
+BOTH = 'the gimbal (up to 90 deg/s) and the body of the rig (up to 20 deg/s)'
+STILL = {'mode': 'hold', 'reason': 'disabled', 'pan': None, 'tilt': None, 'yaw_rate': None}  # what is commanded after a stop
+
+
+class Rig:
+    """A server whose rig is plain data; `asked` holds what the page asks for."""
+
+    def __init__(self):
+        self.asked = []
+        access = Access(control=True)
+        self.server = ViewServer('127.0.0.1', 0, access, self.act)
+        self.server.start()
+        self.server.set_rigs(('',))
+        self.address = f'http://127.0.0.1:{self.server.port}/#{access.token}'
+
+    async def act(self, name, rig, request):
+        self.asked.append((name, request.get('value')))
+        return {'done': True, 'words': 'as you wish', 'parameters': []}
+
+    def show(self, may_move=BOTH, enabled=False, **parts):
+        snapshot = {**RigState().snapshot(100.0 + len(self.asked)), 'command': STILL, **parts}
+        values = [('enabled', str(enabled)), *([('may move', may_move)] if may_move is not None else [])]
+        nodes = [{'node': '/pointing_node', 'level': 'ok', 'words': 'active', 'values': values, 'advice': [], 'age': 0.1}]
+        health = json.dumps({'type': 'health', 'nodes': nodes, 'offers': ['enable', 'select', 'turn']})
+        self.server.put(lambda feed: feed.put_health(health), '')
+        self.server.put(lambda feed: feed.put(json.dumps(snapshot), json.dumps(row_of(snapshot))), '')
+
+
+@pytest.fixture(scope='module')
+def rig():
+    rig = Rig()
+    yield rig
+    rig.server.stop()
+
+
+@pytest.fixture(scope='module')
+def phone(rig):
+    with Browser(find_browser(), width=390, height=844) as browser:
+        browser.open(rig.address)
+        assert browser.wait_for('typeof permitted !== "undefined" && permitted')
+        yield browser
+
+
+def asked_for(rig, phone, **shown):
+    """What the page asks before it lets the rig move."""
+    rig.show(**shown)
+    told = shown.get('may_move', BOTH)
+    assert phone.wait_for(f'(valueOf("pointing_node", "may move") ?? null) === {json.dumps(told)} && !$("enable").hidden')
+    phone.value('$("enable").click()')
+    words = phone.value('$("ask-words").textContent')
+    phone.value('$("ask").close("no")')
+    return words
+
+
+def test_the_dialog_says_what_is_configured_to_move_whatever_was_commanded(rig, phone):
+    """As after a stop, when commands move nothing."""
+    assert f'From now on this moves by itself towards the target: {BOTH}.' in asked_for(rig, phone)
+    gimbal = asked_for(rig, phone, may_move='the gimbal (up to 90 deg/s)', command={**STILL, 'yaw_rate': 4.0})
+    assert 'the gimbal (up to 90 deg/s).' in gimbal and 'the body' not in gimbal
+    nothing = asked_for(rig, phone, may_move='nothing', command={**STILL, 'pan': 1.0, 'tilt': 0.0})
+    assert 'Nothing of this rig is configured to move' in nothing
+    unknown = asked_for(rig, phone, may_move=None)
+    assert 'the gimbal and the body' in unknown and 'not said yet' in unknown
+    assert not [action for action, _ in rig.asked if action == 'enable']
+
+
+def test_the_stop_is_in_reach_on_a_phone_and_closes_what_asks(rig, phone):
+    """Wherever the page is scrolled to, whatever the page believes of the rig, and while it asks."""
+    for enabled in (True, False):
+        rig.show(enabled=enabled)
+        assert phone.wait_for(f'$("enable").hidden === {json.dumps(enabled)}')
+        for scroll in (0, 100_000):
+            phone.value(f'scrollTo(0, {scroll})')
+            x, y, width = phone.value('(({ left, top, width, height }) => [left + width / 2, top + height / 2, width])'
+                                      '($("stop").getBoundingClientRect())')
+            assert width > 300 and 700 < y < 844 and phone.value(f'document.elementFromPoint({x}, {y}).id') == 'stop'
+    phone.value('$("enable").click()')
+    assert phone.value(f'$("ask").open && document.elementFromPoint({x}, {y}).id') == 'stop'
+    phone.value('$("stop").click()')
+    assert phone.wait_for('!$("ask").open') and phone.wait_for('$("answer").textContent === "as you wish"')
+    assert rig.asked[-1] == ('enable', False)
+    assert phone.value('document.documentElement.scrollWidth') <= 390
+
+
+def test_words_are_for_people(rig, phone):
+    track = {'id': 1, 'name': 'camera_quadrotor', 'azimuth': 12.3, 'azimuth_world': None, 'range': None,
+             'source': ['sound', 'sight'], 'drone': 0.97, 'selected': True, 'point': None}
+    bird = {**track, 'id': 2, 'name': 'bird', 'azimuth': -47.0, 'source': ['sound'], 'drone': 0.12, 'selected': False}
+    fusion = {'reason': 'no target: heard at +47 deg, judged not a drone (0.41)', 'missing': ['detections'],
+              'sight_confidence': 0.78, 'sound_confidence': 0.5}
+    rig.show(tracks=[bird, track], fusion=fusion)
+    assert phone.wait_for('$("targets").children.length === 2')
+    assert phone.value('[...$("targets").children].map(one => one.textContent)') == [
+        'drone 1 (camera quadrotor): heard and seen at +12°; followed, a drone to 97 %',
+        'bird 2: heard at -47°; not followed, a drone to 12 %']
+    assert phone.value('$("reason").textContent') == ('heard at +47° and not followed: a drone to 41 % only; '
+                                                      'detections of the camera are missing')
+    said = {'stateWords({ state: "sight" }, { sight_confidence: 0.78 })': 'seen, sure to 78 %',
+            'bearingWords({ state: "sound", azimuth: -120.04, sigma: 2, range: null, resolved: true })':
+                '-120.0° ± 2°, behind, right',
+            'nameOf({ id: 3, name: "", drone: null })': 'target 3',
+            'nameOf({ id: 4, name: "hexarotor", drone: 0.2 })': 'something 4',
+            'statusWords("doa has 2 publishers (/a, /b) and is not used: stop all but one")':
+                'directions of sound (doa) come from 2 programs (/a, /b) and are not used: stop all but one',
+            'statusWords("/odometry refused: stamp 5 s")': 'cannot use the attitude of the rig: stamp 5 s'}
+    for expression, words in said.items():
+        assert phone.value(expression) == words
