@@ -76,6 +76,10 @@ class PrivateAddress:
             return self.file.read_text().strip().rpartition('#')[2]
         return ''
 
+    def remove(self) -> None:
+        """Remove the file, whose token opens nothing any more."""
+        self.file.unlink(missing_ok=True)
+
     def write(self, address: str) -> None:
         """Replace the file, and tell the terminal from which the rig was launched. Raises OSError."""
         self.file.parent.mkdir(parents=True, exist_ok=True)

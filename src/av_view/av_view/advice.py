@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 ADVICE: tuple[tuple[str, str, str], ...] = (
-    ('.*', r'has been silent',
-     'The process has ended or hangs. `ros2 launch` starts it again within a second; if it does not, look at its last lines '
-     'in ~/.ros/log.'),
+    ('.*', r'says nothing for',
+     'A process of the launch that has ended is started again within a second, one that hangs is replaced after 8 s. If NODE '
+     'does not come back, look at its last lines in ~/.ros/log.'),
+    ('.*', r'\d+ publishers .* not used', 'Nothing moves on an input of two programs: `ros2 topic info -v TOPIC` shows both.'),
     ('recorder_node', r'^not active', 'It waits for the button, or for `ros2 lifecycle set NODE configure` and `activate`.'),
     ('(?!recorder_node).*', r'^not active', 'The node is inactive: `ros2 lifecycle set NODE activate`.'),
     ('.*', r'stamps from the future|stamps? .*expected', 'Two clocks differ: run `chronyc tracking` on each machine; '

@@ -115,7 +115,7 @@ class Browser:
             file: a PNG or JPEG file, by its ending.
             whole: also what is below the window.
         """
-        kind = {'format': 'jpeg', 'quality': 88} if file.suffix in ('.jpg', '.jpeg') else {'format': 'png'}
+        kind = {'format': 'jpeg', 'quality': 75} if file.suffix in ('.jpg', '.jpeg') else {'format': 'png'}
         file.write_bytes(base64.b64decode(self.command('Page.captureScreenshot', captureBeyondViewport=whole, **kind)['data']))
 
     def _note(self, message: dict[str, Any]) -> None:

@@ -60,7 +60,7 @@ def _entry(name: str, node: _Node, now: float) -> dict[str, Any]:
     age = now - node.arrival
     words, level = node.message, LEVELS[node.level]
     if age > SILENT_S:
-        words, level = f'has been silent for {age:.0f} s, after: {node.message}', 'stale'
+        words, level = f'says nothing for {age:.0f} s: it hangs or has ended. Before: {node.message}', 'stale'
     advice = list(advise(name.rpartition('/')[2], words)) if level != 'ok' else []
     level = 'ok' if (name.rpartition('/')[2], words) == WAITING else level
     return {'node': name, 'level': level, 'words': words, 'advice': advice, 'values': node.values, 'age': round(age, 1)}
@@ -75,4 +75,4 @@ def advise(node: str, words: str) -> Iterable[str]:
     """
     for nodes, pattern, text in ADVICE:
         if re.fullmatch(nodes, node) and re.search(pattern, words):
-            yield text
+            yield text.replace('NODE', node)

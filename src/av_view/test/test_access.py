@@ -67,3 +67,5 @@ def test_the_token_of_the_process_before_is_found(tmp_path, monkeypatch):
     assert PrivateAddress(1).token() == ''
     PrivateAddress(1).write('http://host:1/#of-before')
     assert PrivateAddress(1).token() == 'of-before'
+    PrivateAddress(1).remove()
+    assert PrivateAddress(1).token() == '' and not PrivateAddress(1).file.exists()

@@ -17,13 +17,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='screenshot', description=__doc__)
     parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
     parser.add_argument('--out', type=Path, default=Path('page.png'), help='PNG or JPEG file to write')
-    parser.add_argument('--size', type=int, nargs=2, default=(1400, 1000), metavar=('WIDTH', 'HEIGHT'),
+    parser.add_argument('--size', type=int, nargs=2, default=(1440, 900), metavar=('WIDTH', 'HEIGHT'),
                         help='of the page, pixels')
     parser.add_argument('--light', action='store_true', help='light instead of dark')
     parser.add_argument('--rig', default='', help='namespace of the rig to show')
     parser.add_argument('--after', type=float, default=10.0, help='time to watch before (s)')
     parser.add_argument('--when', default='true', metavar='EXPRESSION',
-                        help='JavaScript to wait for after that, such as state.sight?.boxes.length')
+                        help='JavaScript to wait for after that, such as state.picture?.boxes.length')
     parser.add_argument('--whole', action='store_true', help='also what is below the window')
     parser.add_argument('--launch', nargs='*', metavar='ARGUMENT',
                         help='start a rig, as `ros2 launch av_fusion rig.launch.py ARGUMENTS`; another launch file goes before')

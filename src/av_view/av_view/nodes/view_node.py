@@ -93,6 +93,8 @@ class ViewNode(RigNode):
         if self._foxglove is not None:
             self._foxglove.close()
         self.server.stop()
+        if self._access.token:
+            PrivateAddress(self.server.port).remove()
 
     def _announce(self) -> None:
         """Say where the page is; with control the address with the token is in a private file. Raises OSError."""
