@@ -22,7 +22,7 @@ from av_common.launched import RUN_FOLDER
 MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
 PORTS = 250  # between those of two rigs
 HEIGHT_M = 1.5
-BEGIN_S = 5.0  # from the launch to the beginning of the scenario, in which all processes start
+BEGIN_S = 3.0  # for each rig, and once more, from the launch to the beginning of the scenario, in which all processes start
 ARGUMENTS = {
     'rigs': ('3', f'number of rigs, 1 to {MOST_RIGS}; their namespaces are rig1, rig2 ...', None),
     'radius': ('20', 'rigs stand on a circle around the origin, facing it: its radius (m)', None),
@@ -50,7 +50,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     count, radius, duration = _number(arguments, 'rigs', 1, MOST_RIGS), _number(arguments, 'radius', 1, 1000), \
         _number(arguments, 'duration', 0, math.inf)
     names = [f'rig{index + 1}' for index in range(int(count))]
-    begin = time.time() + BEGIN_S
+    begin = time.time() + BEGIN_S * (1 + int(count))  # who is not ready by then joins
     node = rig_node(arguments, 'av_network', 'network_node', {
         'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)

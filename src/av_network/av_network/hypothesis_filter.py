@@ -19,6 +19,7 @@ LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 HEADING, CLOCK = 0, 1  # in the part of the state of one rig
 RIG_SIZE, MEASURED_SIZE, TARGET_SIZE = 2, 6, 9
 LOG_TAU = math.log(math.tau)
+LEAST_STEP_S = 0.03  # of a prediction: accelerations move a target by millimetres in less
 LEAST_MODE = 1e-3  # probability of a mode, so that it can return at once
 
 
@@ -161,9 +162,9 @@ class HypothesisFilter:
         self.rig_mean, self.rig_covariance = mean.copy(), covariance.copy()
 
     def predict(self, time: float) -> None:
-        """Move all states to a time (s) by the reference clock; a time before theirs changes nothing."""
+        """Move all states to a time (s) by the reference clock; one before theirs, or hardly later, changes nothing."""
         step = 0.0 if self.time is None else time - self.time
-        if self.time is not None and step <= 0.0:
+        if self.time is not None and step < LEAST_STEP_S:
             return
         self.time = time
         n = self._offset

@@ -150,7 +150,8 @@ def mixed(shares: NDArray[np.float64], means: NDArray[np.float64], covariances: 
         shares (k, m, j): probabilities of the m components in each of j mixtures.
         means (k, m, N), covariances (k, m, N, N): of the components.
     """
-    mean = np.einsum('kij,kia->kja', shares, means)
-    apart = means[:, :, None] - mean[:, None]  # (k, m, j, N)
-    covariance = np.einsum('kij,kiab->kjab', shares, covariances)
-    return mean, covariance + np.einsum('kij,kija,kijb->kjab', shares, apart, apart, optimize=True)
+    weights, (count, m, size) = shares.swapaxes(1, 2), means.shape
+    mean = weights @ means
+    apart = np.sqrt(weights)[..., None] * (means[:, None] - mean[:, :, None])  # (k, j, m, N)
+    covariance = weights @ covariances.reshape(count, m, size * size)
+    return mean, covariance.reshape(count, weights.shape[1], size, size) + apart.swapaxes(-1, -2) @ apart

@@ -33,7 +33,7 @@ from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.image import decode_fragment
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
-from av_sim_bridge.wire.truth import encode_truth
+from av_sim_bridge.wire.truth import decode_truth, encode_truth
 from av_simulator.config_files import find_config
 from av_simulator.rendering.scenes import Field, Woodland
 from av_simulator.scenario import Scenario, Target, Weather
@@ -192,6 +192,45 @@ def test_image_and_truth_agree_within_5_ms(streams):
     assert len(errors) >= 10
     assert np.abs(np.median(errors)) < 5e-3
     assert np.percentile(np.abs(errors), 90) < 8e-3    # half a pixel is 4 ms here
+
+
+def truths(begin, started, slow=0.0, until=9.0):
+    """Wall time and place of the target in each datagram of a simulator that is started so many seconds (s) after `begin`."""
+    clock, sent, options = SleptTime(), [], WireOptions(ports=free_ports(), image_rate=0.0)
+    clock.slept += started
+
+    class Slow(World):
+        def advance(self, samples):
+            clock.sleep(0.002 + slow * (7.0 < clock.slept < 7.02))
+            self.dynamics.step(self.time, (self._samples + samples) / self.sample_rate)
+            self._samples += samples
+            return np.zeros((samples, 2))
+
+    def send(datagram, address):
+        if address[1] == options.ports.target_truth:
+            sent.append((clock.slept, *decode_truth(datagram).position_ned))
+
+    scenario = dataclasses.replace(SCENARIO, targets=[Target(Line([0.0, 30.0, 5.0], [4.0, 0.0, 0.0]))])
+    simulator = Simulator(Slow(scenario, load_rig(find_config('rig'))), options, clock, send)
+    simulator.run(until, begin + 1_700_000_000.0)
+    simulator.close()
+    return np.array(sent), simulator
+
+
+@pytest.mark.parametrize('started, slow', [(0.2, 0.0), (5.0, 0.0), (0.2, 1.6)])
+def test_who_begins_late_or_falls_behind_is_in_the_same_world(started, slow):
+    """Both say at any time where the target is then: one that begins 3 s late, or stands still for 1.6 s."""
+    first, _ = truths(2.0, 0.0)
+    second, simulator = truths(2.0, started, slow)
+    expected = np.interp(second[:, 0], first[:, 0], first[:, 2])
+    assert np.ptp(expected) > 10.0 and np.max(np.abs(second[:, 2] - expected)) < 4.0 * 0.15
+    assert abs(second[-1, 0] - first[-1, 0]) < 0.05
+    assert second[0, 0] < max(started, 2.0) + 1.0 and not simulator.counts.resynchronised
+
+
+def test_a_beginning_long_ago_is_refused():
+    with pytest.raises(ValueError, match='begin is 130 s ago, expected 120 s at the most'):
+        truths(2.0, 132.0)
 
 
 def test_the_oracle_reports_each_image_once_with_its_stamp(streams):
