@@ -40,6 +40,7 @@ setup(
             'network_hosts = av_evaluation.cli.network_hosts:main',
             'multi_target = av_evaluation.cli.multi_target:main',
             'pointing = av_evaluation.cli.pointing:main',
+            'range = av_evaluation.cli.range:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',
             'sight_truth = av_evaluation.cli.sight_truth:main',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
 from av_audio.stream_gate import StreamGate
+from av_audio.wind import WindMeter
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
@@ -49,6 +51,7 @@ class DoaStage:
         self._drone_model = drone_model
         self._localizer: Localizer | None = None
         self._classifier: DroneClassifier | None = None
+        self._wind: WindMeter | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
@@ -62,6 +65,11 @@ class DoaStage:
     def foreign(self) -> int:
         """Number of frames that did not belong to the stream that is heard."""
         return self._gate.refused
+
+    @property
+    def wind_dbfs(self) -> float:
+        """Level of wind at the microphones, from 50 to 100 Hz; -inf without."""
+        return -math.inf if self._wind is None else self._wind.level_dbfs
 
     @property
     def settings(self) -> LocalizerSettings:
@@ -140,7 +148,7 @@ class DoaStage:
         self.sample_rate = float(frame.sample_rate)
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
-            self._classifier = None
+            self._classifier, self._wind = None, WindMeter(self._array, frame.sample_rate)
             if self._drone_model is not None:
                 self._classifier = DroneClassifier(self._array, frame.sample_rate, speed_of_sound(self._settings.temperature_c),
                                                    self._drone_model, self._ego_noise)
@@ -150,11 +158,13 @@ class DoaStage:
         restarts = self._localizer.restarts - before
         self.without_phases += self._localizer.without_phases - without
         self.restarts += restarts
-        if self._classifier is not None:
-            if restarts:
-                self._classifier.clear()
-            if np.isfinite(samples).all():
+        if self._classifier is not None and restarts:
+            self._classifier.clear()
+        if np.isfinite(samples).all():
+            if self._classifier is not None:
                 self._classifier.add(samples)
+            if self._wind is not None:
+                self._wind.add(samples)
         return estimates
 
 

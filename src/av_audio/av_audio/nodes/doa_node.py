@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -95,6 +96,7 @@ class DoaNode(RigNode):
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')
             status.add('sources', str(len(latest.sources)))
+            status.add('wind', f'{self._stage.wind_dbfs:.0f} dBFS' if math.isfinite(self._stage.wind_dbfs) else 'none')
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
             status.add('drone probability', f'{self._stage.judgement.probability:.2f}')
             status.add('fundamental', f'{self._stage.judgement.fundamental:.0f} Hz')
@@ -102,6 +104,8 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif latest is not None and not len(latest.azimuth):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
+        elif latest is not None and self._stage.wind_dbfs > latest.level_dbfs:
+            status.mergeSummary(DiagnosticStatus.WARN, 'wind at the microphones, louder below 100 Hz than all sound')
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
         if self._stage.without_phases:

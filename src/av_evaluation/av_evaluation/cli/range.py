@@ -1,0 +1,46 @@
+"""`ros2 run av_evaluation range`: how far drones are heard, beside the Cramer-Rao bound.
+
+A row has the distances up to which in 90 % of windows of 0.5 s the direction is within 5 deg, and the sound is judged to be a
+drone's; and that of the bound for directions. Steps are of a factor of 1.4, from 10 to 1280 m; "-" is less than 10 m.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from av_evaluation.hearing.reach import ARRAYS, PLACES, Air, Scene
+from av_simulator.config_files import find_config
+from av_simulator.sound.profiles import load_profile
+
+DRONES = ('mini_quadrotor', 'camera_quadrotor', 'cargo_octorotor')
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog='range', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--drones', nargs='+', default=DRONES, metavar='NAME', help='of config/drones (default: %(default)s)')
+    parser.add_argument('--places', type=int, nargs='+', default=range(len(PLACES)), metavar='N',
+                        help=', '.join(f'{number}: {place.name}' for number, place in enumerate(PLACES)) + ' (default: all)')
+    parser.add_argument('--microphones', type=int, nargs='+', choices=ARRAYS, default=tuple(ARRAYS), help='(default: all)')
+    parser.add_argument('--temperature', type=float, default=20.0, metavar='C', help='of the air (default: %(default)s)')
+    parser.add_argument('--humidity', type=float, default=50.0, metavar='PERCENT', help='of the air (default: %(default)s)')
+    options = parser.parse_args(arguments)
+    if not all(0 <= number < len(PLACES) for number in options.places):
+        parser.error(f'places are 0 to {len(PLACES) - 1}')
+    print(f'{"drone":<18} {"place":<18} {"dB(A)":>5} {"m/s":>4} {"array":<16} {"angle m":>8} {"drone m":>8} {"bound m":>8}')
+    for name in options.drones:
+        signal = load_profile(find_config(name, 'drones')).signal
+        for place in (PLACES[number] for number in options.places):
+            for count in options.microphones:
+                reach = Scene(signal, place, ARRAYS[count], Air(options.temperature, options.humidity)).reach()
+                found = ' '.join(f'{distance:>{width}.0f}' if distance else f'{"-":>{width}}'
+                                 for distance, width in zip(reach, (8, 8, 8), strict=True))
+                where = f'{place.name:<18} {place.ambient_dba:5.0f} {place.wind:4.0f}'
+                print(f'{name:<18} {where} {ARRAYS[count].name:<16} {found}', flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
