@@ -148,6 +148,10 @@ def ask(viewer, **request):
     return receive(viewer, lambda content: isinstance(content, dict) and content['type'] == 'answer')
 
 
+def is_rigs(content):
+    return isinstance(content, dict) and content['type'] == 'rigs'
+
+
 def is_health(content):
     return isinstance(content, dict) and content['type'] == 'health' and {'enable', 'select', 'turn'} <= set(content['offers'])
 
@@ -169,6 +173,18 @@ def test_it_subscribes_only_while_somebody_looks(rig):
     assert wait_for(lambda: rig.topics() == {'/diagnostics'})
     with rig.viewer() as viewer:
         assert receive(viewer, is_state)
+
+
+def test_the_page_opens_on_a_rig_that_exists(rig):
+    """Its own while there is one; else another one, which its own subscriptions do not keep alive."""
+    left = rig.node.create_publisher(Bearing, '/left/target/bearing', RESULT)
+    with rig.viewer() as viewer:
+        assert receive(viewer, lambda content: is_rigs(content) and len(content['rigs']) == 2)['rig'] == ''
+        rig.node.destroy_publisher(rig.bearings)
+        rig.bearings = left
+        moved = receive(viewer, lambda content: is_rigs(content) and content['rig'] == '/left')
+        assert moved['rigs'] == ['/left']
+        assert receive(viewer, is_state)['state']['bearing']['azimuth'] == pytest.approx(np.degrees(0.5), abs=0.1)
 
 
 def test_the_page_follows_the_topics(rig):
