@@ -19,7 +19,7 @@ LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 HEADING, CLOCK = 0, 1  # in the part of the state of one rig
 RIG_SIZE, MEASURED_SIZE, TARGET_SIZE = 2, 6, 9
 LOG_TAU = math.log(math.tau)
-LEAST_STEP_S = 0.03  # of a prediction: accelerations move a target by millimetres in less
+LEAST_STEP_S = 0.05  # of a prediction: accelerations move a target by millimetres in less
 LEAST_MODE = 1e-3  # probability of a mode, so that it can return at once
 
 

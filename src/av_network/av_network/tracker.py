@@ -123,8 +123,13 @@ class NetworkTracker:
                 self.unexplained.pop(one.key, None)
             else:
                 self.unexplained[one.key] = (one, time)
-        open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved]
+        open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved
+                         and not self._is_well_known(assigned.get(column), time)]
         self._pairing.propose(self.filter, self.hypotheses, open_to_pairs, self._density, time)
+
+    def _is_well_known(self, row: int | None, time: float) -> bool:
+        """Whether a direction is where a target is that several rigs observe: then it needs no other explanation."""
+        return row is not None and len(self.hypotheses[row].tracks(time - SILENT_S)) >= WELL_SUPPORTED
 
     def _judge(self, rig: int, observations: Sequence[Observation], assigned: dict[int, int], time: float) -> None:
         """Note whether a rig reports what others observe, while two of them or more observe a target within its range."""

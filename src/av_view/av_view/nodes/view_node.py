@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import time
@@ -17,7 +18,7 @@ from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from av_common.guarded_node import decode
-from av_common.launched import restarts
+from av_common.launched import restarts, run_folder
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_common.refused_inputs import BAD_INPUT
@@ -78,8 +79,10 @@ class ViewNode(RigNode):
         try:
             self.server.start()
         except OSError as error:
-            raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
-                          'a second one choose another port') from error
+            if error.errno == errno.EADDRINUSE and run_folder() is None:
+                self.finish()  # started by hand: nobody is served by waiting
+            raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for a '
+                          f'second one: --ros-args -p port:={settings.port + 1}, or port of view_node in params:=') from error
         self._announce()
         if self._owns_process:
             lower_priority(NICENESS)
