@@ -348,6 +348,6 @@ def test_by_default_it_is_read_only(rig):
 def test_a_port_in_use_ends_the_process_and_names_the_argument():
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
-        ended = subprocess.run(['ros2', 'run', 'av_view', 'view_node', '--ros-args', '-p', f'port:={port}'], capture_output=True,
-                               text=True, timeout=20.0, check=False)
+        ended = subprocess.run(['ros2', 'run', 'av_view', 'view_node', '--ros-args', '-p', f'port:={port}'],
+                               capture_output=True, text=True, timeout=20.0, check=False)
     assert f'port {port}' in ended.stderr and f'-p port:={port + 1}' in ended.stderr
