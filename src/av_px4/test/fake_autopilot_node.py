@@ -107,7 +107,7 @@ class FakeNode:
                                  (DiagnosticArray, '/diagnostics', self.on_diagnostics),
                                  (DiagnosticStatus, 'px4/state', lambda m: self.said.update(state=m.message)),
                                  (Float32MultiArray, 'motor_speeds', lambda m: self.said.update(motors=list(m.data)))):
-            self.node.create_subscription(kind, name, take, RIG)
+            self.node.create_subscription(kind, name, take, READS if name == 'motor_speeds' else RIG)
         self.odometry, self.tracking = None, 0.0
         self.target, self.last_bearing, self.turned_then = None, math.inf, 0.0
 

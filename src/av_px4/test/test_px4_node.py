@@ -268,18 +268,3 @@ def test_without_px4_msgs_it_says_what_to_install():
     finally:
         process.kill()
         process.communicate()
-
-
-BENCHMARK = [sys.executable, '-m', 'av_px4.cli.benchmark', '--seconds', '1']
-
-
-def test_the_benchmark_runs_with_the_messages_of_the_tests():
-    """The benchmark of docs/reference/px4.md runs. Its latencies depend on the machine and are not tested."""
-    run = subprocess.run([sys.executable, px4_layouts.__file__, '1.16', *BENCHMARK], text=True, capture_output=True,
-                         check=False, timeout=120)
-    assert run.returncode in (0, 1) and 'gimbal' in run.stdout and 'body' in run.stdout, run.stderr
-
-
-def test_without_px4_msgs_the_benchmark_says_what_to_install():
-    run = subprocess.run(BENCHMARK, text=True, capture_output=True, check=False, timeout=60)
-    assert run.returncode == 1 and 'https://github.com/PX4/px4_msgs' in run.stderr and 'Traceback' not in run.stderr

@@ -76,8 +76,8 @@ def _processor_times() -> tuple[int, int]:
 
 
 def slowness() -> float:
-    """How many times longer than on a machine without other load a process waits for a core; at least 1."""
-    return max(1.0, os.getloadavg()[0] / _cores())
+    """How many times longer than on a machine without other load a process waits for a core, within 1 and MOST_PER_CORE."""
+    return min(max(1.0, os.getloadavg()[0] / _cores()), MOST_PER_CORE)
 
 
 def skip_figures_where_overloaded() -> None:

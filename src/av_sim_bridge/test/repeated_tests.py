@@ -14,14 +14,15 @@ def run(item, nextitem) -> bool:
     """Run one test and report it; the hook `pytest_runtest_protocol`.
 
     A test that fails while the machine stands still, or has other work, is repeated, unless its time was up. What it finds at
-    last counts, but on an overloaded machine it has found nothing, and is skipped with the reason.
+    last counts. On an overloaded machine it has found nothing, and is skipped at once with the reason: repeating it would add
+    to the load and to the time of the whole run.
     """
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for repetition in range(1 + REPETITIONS):
         with LoadWatch() as watch:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         failed = [report for report in reports if report.failed]
-        final = repetition == REPETITIONS or not watch.disturbed
+        final = repetition == REPETITIONS or not watch.disturbed or watch.overloaded
         if final or not failed or any('from pytest-timeout' in _message(report) for report in failed):
             break
         item.warn(pytest.PytestWarning(f'repeated: {watch}: {_message(failed[0])}'))
