@@ -6,7 +6,6 @@ import math
 import subprocess
 import sys
 
-import px4_layouts
 import pytest
 from fake_vehicle import FakeVehicle
 from px4_layouts import FIRMWARES
