@@ -21,6 +21,7 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
+from av_fusion.consistency.monitor import ConsistencyMonitor, Fault
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
@@ -51,6 +52,7 @@ class FusionStageSettings:
         missing_after (s): an input without messages for this long is reported as missing.
         visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
         transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
+        stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
     base_frame: str = 'base_link'
@@ -59,6 +61,7 @@ class FusionStageSettings:
     missing_after: float = 1.0
     visibility_age: float = 1.0
     transform_wait: float = 0.15
+    stop_at_faults: bool = True
 
 
 class FusionOutput(NamedTuple):
@@ -79,6 +82,7 @@ class FusionStage:
     Attributes:
         gate: decides which messages are used, and counts the others.
         untransformed: number of measurements that were not used because their sensor's orientation came too late.
+        consistency: whether the rig is as described; None where that is not asked.
 
     Parameters:
         tracker: estimates the track.
@@ -87,11 +91,13 @@ class FusionStage:
         observer: is called with measurements and tracks, or None.
         gimbal: orientations of the gimbal that carries the cameras, added to by `on_gimbal`; None without one.
         detections: topics of the detections, one for each camera.
+        consistency: see the attribute.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
                  observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None,
-                 detections: Sequence[str] = (DETECTIONS,)) -> None:
+                 detections: Sequence[str] = (DETECTIONS,), consistency: ConsistencyMonitor | None = None) -> None:
+        self.consistency = consistency
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
         self.gate = InputGate((DOA, *detections, ODOMETRY), self.settings.clock_tolerance)
@@ -271,6 +277,8 @@ class FusionStage:
         measurements = self.converter.doa(message)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
+        if self.consistency is not None:
+            self.consistency.add_doas(measurements)
         self.tracker.add_doas(measurements)
         return True
 
@@ -282,6 +290,8 @@ class FusionStage:
             measurement = blurred(measurement, self._gimbal.variance(to_seconds(message.header.stamp)))
         if self._observer is not None:
             self._observer.on_camera(measurement, message, arrival)
+        if self.consistency is not None:
+            self.consistency.add_camera(measurement)
         self.tracker.add_camera(measurement)
         return True
 
@@ -289,8 +299,11 @@ class FusionStage:
         self._last_output = now
         track = self.tracker.estimate(now)
         targets = self.tracker.targets(track)
+        fault = self.consistency.advance(now) if self.consistency is not None else None
         if self.gate.contested:
             track, targets = _as_predictions(track, targets, self.gate.contested)
+        elif fault is not None and fault.is_certain and self.settings.stop_at_faults and track.state != State.NONE:
+            track, targets = _contradicted(track, targets, fault)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
@@ -311,6 +324,20 @@ def _as_predictions(track: Track, targets: Targets, contested: Mapping[str, list
         [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
 
 
+def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:
+    """The estimates of a rig that is not as described: as uncertain as its faults make them, and nothing moves on them."""
+    apart = fault.apart**2
+    if fault.concerns_world:
+        apart = max(apart, math.pi**2 / 3.0)  # of a direction that may be any
+    east, cross, _, up = track.covariance_world
+    uncertain = track._replace(
+        state=State.COASTING, source=Source.NOTHING, reason=f'the rig is not as described: {fault.text}',
+        azimuth_variance=track.azimuth_variance + apart, covariance_world=(east + apart, cross, cross, up),
+        front_probability=0.5, resolved=False, requested_rotation=0.0, look=None)
+    return uncertain, targets._replace(targets=tuple(
+        [target._replace(track=target.track._replace(source=Source.NOTHING, resolved=False)) for target in targets.targets]))
+
+
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
                       tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
@@ -326,5 +353,8 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         gimbal, detections: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
-    settings = FusionStageSettings(parameters.base_frame, parameters.rate)
-    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal, detections)
+    check = parameters.setup_check
+    settings = FusionStageSettings(parameters.base_frame, parameters.rate, stop_at_faults=check == 'stop')
+    tracker = tracker or make_tracker(parameters)
+    monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
+    return FusionStage(tracker, converter, settings, observer, gimbal, detections, monitor)

@@ -155,6 +155,9 @@ class FusionNode(RigNode):
             level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
             status.mergeSummary(level, f'no {", ".join(missing)}')
         self._diagnose_motion(status)
+        fault = self._stage.consistency.fault if self._stage.consistency else None
+        if fault is not None:
+            status.mergeSummary(DiagnosticStatus.ERROR if fault.is_certain else DiagnosticStatus.WARN, str(fault))
         for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
             status.mergeSummary(DiagnosticStatus.ERROR, problem)
         late, self._untransformed = self._stage.untransformed - self._untransformed, self._stage.untransformed

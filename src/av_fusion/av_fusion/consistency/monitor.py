@@ -1,0 +1,231 @@
+"""Names what is wrong with the description of a rig, by what its sensors say of one target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_fusion.consistency.setup_model import (
+    CAMERA_LATE,
+    CAMERA_YAW,
+    DELAY,
+    FOCAL,
+    SPACING,
+    YAW_DELAYS_S,
+    FilterBank,
+    Hypothesis,
+    SightEvent,
+    SoundEvent,
+)
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import direction, turned_back
+
+# Prior probabilities are those of a rig that somebody has just put together. Sound and sight of two different drones, each
+# unheard or unseen by the other sensor, are little more frequent.
+HYPOTHESES = (
+    Hypothesis('as described', prior=0.9),
+    Hypothesis('sound and sight of different sources', prior=0.02, other=1),
+    Hypothesis('sound and sight of different sources', prior=0.02, other=2),
+    Hypothesis('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array',
+               swapped=True, for_pair=True),
+    Hypothesis('the camera is turned by {value:+.0f} deg against its description', 'camera: mount: rpy_deg of the rig',
+               parameter=CAMERA_YAW, sigma=math.radians(20.0)),
+    Hypothesis('the image is mirrored or upside down', 'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg',
+               mirrored=True),
+    Hypothesis('images are stamped {value:+.2f} s late', 'sight_delay of fusion_node', parameter=CAMERA_LATE, sigma=0.3),
+    Hypothesis('one channel is late: directions are off by {value:+.2f} in the cosine', 'the delay between the channels', 0.003,
+               parameter=DELAY, sigma=0.4, for_pair=True),
+    Hypothesis('the yaw of the odometry has the wrong sign', 'odometry in ENU: counter-clockwise is positive (REP-103)',
+               reversed_yaw=True),
+    Hypothesis('the microphones are {value:.2f} times as far apart as described', 'positions in the file of the array',
+               parameter=SPACING, sigma=0.4, for_pair=True, is_mild=True),
+    Hypothesis('the focal length is {value:.2f} times that described', 'horizontal_fov_deg or calibration_file of the camera',
+               parameter=FOCAL, sigma=0.3, is_mild=True),
+)
+VALUE: dict[int, Callable[[float], float]] = {
+    CAMERA_YAW: math.degrees, CAMERA_LATE: float, DELAY: float, SPACING: math.exp, FOCAL: lambda value: math.exp(-value)}
+SUSPECTED, NAMED = 0.99, 0.999  # probabilities of a fault for a warning, and for an error on which nothing moves (Wald 1945)
+LEAST_NAMED = 0.1  # probability of a second fault that explains the measurements as well, and is named beside the first
+LAG_S = 1.2  # measurements wait for those of before, and for the heading around their time
+GAP_S = 1.5  # after which a sighting belongs to a new target
+SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
+EVIDENCE_S = 120.0  # time of observation in which evidence fades to 1/e
+SIGHT_SIGMA, SOUND_SIGMA = math.radians(0.5), math.radians(1.5)  # beyond the reported errors
+LEAST_SCORE = 0.5  # of a sighting, and of a sound's probability to be a drone
+MOST_WAITING = 400
+
+
+class Fault(NamedTuple):
+    """What is wrong with the description of the rig.
+
+    Parameters:
+        text: what is wrong, with its value.
+        mend: where it is mended.
+        probability: that the description is wrong.
+        is_certain: nothing should move by the bearing.
+        apart (rad): how far bearings are off.
+        concerns_world: only the direction in the world is wrong by it.
+    """
+
+    text: str
+    mend: str
+    probability: float
+    is_certain: bool
+    apart: float = 0.0
+    concerns_world: bool = False
+
+    def __str__(self) -> str:
+        return f'{self.text} (probability {min(self.probability, 0.9999):.4f}): {self.mend}'
+
+
+class ConsistencyMonitor:
+    """Weighs what may be wrong with the set-up by sound and sight of one target, and by the rig's motion.
+
+    Each hypothesis of `HYPOTHESES` predicts the measurements by one model of the set-up; their likelihoods multiply. What no
+    measurement of the rig can show is a heading that is off by a constant, and its drift while one target moves.
+
+    Parameters:
+        motion: attitude of the rig.
+        sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
+    """
+
+    def __init__(self, motion: RigMotion, sound_delay: float = 0.0, sight_delay: float = 0.0) -> None:
+        self._motion, self._sound_delay, self._sight_delay = motion, sound_delay, sight_delay
+        self._waiting: list[tuple[float, int, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
+        self._number = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, as after the set-up was mended."""
+        self._bank: FilterBank | None = None
+        self._time = self._seen = self._heard = -math.inf
+        self._fault: Fault | None = None
+        self._jumps = self._motion.jumps
+        self._waiting.clear()
+
+    @property
+    def fault(self) -> Fault | None:
+        """The fault that is known, None without one. It stays until the description fits again."""
+        return self._fault
+
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """Take the directions of one window, those that may be a drone's."""
+        usable = tuple(m for m in map(usable_doa, measurements) if m is not None and not m.drone_probability < LEAST_SCORE)
+        if usable:
+            self._add(usable[0].time - self._sound_delay, usable)
+
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """Take an image in which something is seen."""
+        usable = usable_camera(measurement)
+        if usable is not None and usable.best is not None and usable.best.score >= LEAST_SCORE:
+            self._add(usable.time - self._sight_delay, usable)
+
+    def _add(self, time: float, measurement: CameraMeasurement | tuple[DoaMeasurement, ...]) -> None:
+        if len(self._waiting) < MOST_WAITING:
+            self._number += 1
+            self._waiting.append((time, self._number, measurement))
+
+    def advance(self, now: float) -> Fault | None:
+        """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
+        if now < self._time - GAP_S:  # the clock was set back
+            self.reset()
+        if self._motion.jumps != self._jumps:
+            self._jumps, self._seen = self._motion.jumps, -math.inf
+            if self._bank is not None:
+                self._bank.turn_world()
+        self._waiting.sort()
+        used = 0
+        for time, _, measurement in self._waiting:
+            if time > now - LAG_S:
+                break
+            used += 1
+            if time >= self._time and self._motion.is_known(time):
+                if isinstance(measurement, CameraMeasurement):
+                    self._see(time, measurement)
+                else:
+                    self._hear(time, measurement)
+        if used:
+            del self._waiting[:used]
+            self._decide()
+        return self._fault
+
+    def _see(self, time: float, measurement: CameraMeasurement) -> None:
+        best = measurement.best
+        if best is None or time < self._seen + SIGHT_PERIOD_S:
+            return
+        ray = turned_back(measurement.view, direction(best.azimuth, best.elevation))
+        yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
+        if self._bank is not None:
+            if time > self._seen + GAP_S:
+                self._bank.forget_target()
+            self._pass(time)
+            self._bank.see(SightEvent(time, np.array(ray), np.array(measurement.view), self._level(time), yaws,
+                                      best.across_variance + SIGHT_SIGMA**2, measurement.half_view))
+        self._seen = time
+
+    def _hear(self, time: float, window: tuple[DoaMeasurement, ...]) -> None:
+        first, cone = window[0], window[0].cone
+        if self._bank is None:
+            self._bank = FilterBank(tuple(h for h in HYPOTHESES if cone is not None or not h.for_pair))
+        if time < self._heard + first.window or abs(time - self._seen) > SIMULTANEOUS_S:  # windows that overlap are repetitions
+            return
+        self._pass(time)
+        self._heard = time
+        pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
+        images = np.array([h.azimuth for h in first.hypotheses])
+        if cone is not None:
+            cosines = np.array([m.cone.cosine for m in window if m.cone is not None])
+            variance = cone.variance + SOUND_SIGMA**2 * cone.slope_squared
+            self._bank.hear(SoundEvent(time, np.array(cone.axis), cosines, variance, images, *pose))
+            return
+        across = first.hypotheses[0].across_variance + SOUND_SIGMA**2
+        heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
+        for axis in np.eye(3)[:2]:
+            self._bank.hear(SoundEvent(time, axis, heard @ axis, across, images, *pose))
+
+    def _pass(self, time: float) -> None:
+        assert self._bank is not None
+        seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0
+        self._bank.predict(seconds)
+        self._bank.fade(math.exp(-seconds / EVIDENCE_S))
+        self._time = time
+
+    def _level(self, time: float) -> NDArray:
+        """Rotation of the body against a level one of the same heading."""
+        yaw = self._motion.yaw(time)
+        back = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(back @ np.array(self._motion.attitude(time)))
+
+    def _decide(self) -> None:
+        if self._bank is None:
+            return
+        posterior = self._bank.posterior()
+        faults = [k for k, h in enumerate(self._bank.hypotheses) if h.is_fault]
+        best = max(faults, key=lambda k: posterior[k])
+        wrong = float(sum(posterior[k] for k in faults))
+        if wrong >= SUSPECTED:
+            self._fault = self._named(self._bank, best, wrong)
+        elif wrong < 1.0 - SUSPECTED:
+            self._fault = None
+
+    def _named(self, bank: FilterBank, number: int, probability: float) -> Fault:
+        hypothesis = bank.hypotheses[number]
+        certain = not hypothesis.is_mild and (probability >= NAMED or (self._fault is not None and self._fault.is_certain))
+        posterior = bank.posterior()
+        others = [k for k, h in enumerate(bank.hypotheses) if h.is_fault and k != number and posterior[k] > LEAST_NAMED]
+        texts = [_text(bank, k) for k in (number, *sorted(others, key=lambda k: -posterior[k]))]
+        return Fault('; or '.join(texts), hypothesis.mend, probability, certain, bank.apart(number),
+                     hypothesis.reversed_yaw)
+
+
+def _text(bank: FilterBank, number: int) -> str:
+    """What a hypothesis says, with the value of its parameter."""
+    hypothesis = bank.hypotheses[number]
+    parameter = hypothesis.parameter
+    value = 0.0 if parameter is None else VALUE[parameter](float(bank.mean[number, parameter]))
+    return hypothesis.name.format(value=value)

@@ -1,0 +1,94 @@
+"""A formula rig whose description is wrong: what its sensors send does not fit what the stage is told of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from formula_rig import FormulaRig
+from geometry_msgs.msg import Quaternion
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from av_common.stamps import to_seconds, to_stamp
+
+
+@dataclass
+class Faults:
+    """What is wrong. Defaults are a rig as described.
+
+    Parameters:
+        swapped: the microphones are exchanged.
+        camera_yaw_deg: the camera is turned by this to the left of what is said.
+        mirrored, upside_down: the image.
+        late: s by which images are stamped after their capture.
+        yaw_sign: -1 for odometry that turns the wrong way.
+        delay: added to each cosine, by a channel that is late.
+        spacing, focal: true over described distance of the microphones, and focal length.
+    """
+
+    swapped: bool = False
+    camera_yaw_deg: float = 0.0
+    mirrored: bool = False
+    upside_down: bool = False
+    late: float = 0.0
+    yaw_sign: int = 1
+    delay: float = 0.0
+    spacing: float = 1.0
+    focal: float = 1.0
+
+
+@dataclass
+class FaultyRig(FormulaRig):
+    """See `Faults`. Its camera is fixed on the body."""
+
+    faults: Faults = field(default_factory=Faults)
+
+    def _rotation_of(self, frame: str, time: float) -> NDArray | None:
+        described = super()._rotation_of(frame, time)
+        if frame != 'camera' or described is None:
+            return described
+        return Rotation.from_euler('z', -self.faults.camera_yaw_deg, degrees=True).as_matrix() @ described
+
+    def pixel(self, t: float, source: int = 0) -> NDArray | None:
+        """The place in the image as it is sent."""
+        place, wrong = super().pixel(t, source), self.faults
+        if place is None:
+            return None
+        width, height = 640, 480
+        x, y = wrong.focal * (place[0] - 0.5 * (width - 1)), wrong.focal * (place[1] - 0.5 * (height - 1))
+        x, y = (-x if wrong.mirrored or wrong.upside_down else x), (-y if wrong.upside_down else y)
+        place = np.array([x + 0.5 * (width - 1), y + 0.5 * (height - 1)])
+        return place if 0.0 <= place[0] < width and 0.0 <= place[1] < height else None
+
+    def send(self, kind: str, message: Any, captured: float, takes: float) -> None:
+        """Put a message on its way, with its faults."""
+        wrong = self.faults
+        if kind == 'doa':
+            for one in message.hypotheses:
+                if math.isfinite(one.cosine):
+                    front = abs(one.azimuth) < 0.5 * math.pi
+                    cosine = (-1.0 if wrong.swapped else 1.0) * wrong.spacing * one.cosine + wrong.delay
+                    one.cosine = min(max(cosine, -1.0), 1.0)
+                    apart = math.asin(one.cosine)
+                    one.azimuth = apart if front else math.copysign(math.pi, apart) - apart
+        elif kind == 'odometry' and wrong.yaw_sign < 0:
+            yaw = Rotation.from_quat([getattr(message.pose.pose.orientation, k) for k in 'xyzw']).as_euler('ZYX')[0]
+            message.pose.pose.orientation = Quaternion(w=math.cos(0.5 * yaw), z=-math.sin(0.5 * yaw))
+            message.twist.twist.angular.z *= -1.0
+        elif kind in ('detections', 'visibility') and wrong.late:
+            message.header.stamp = to_stamp(to_seconds(message.header.stamp) + wrong.late)
+            takes = max(takes, wrong.late + 0.02)
+        super().send(kind, message, captured, takes)
+
+
+def lies(rig: FormulaRig, after: float, until: float = math.inf) -> float:
+    """Share of outputs that are resolved, sure to 10 deg, and wrong by more than 10 deg and 3 sigma, in the body."""
+    outputs = rig.between(after, until)
+    following = rig.following(after, until)
+    wrong = [abs(error) > max(10.0, 3.0 * math.degrees(math.sqrt(moment.bearing.azimuth_variance)))
+             and moment.bearing.resolved and moment.bearing.azimuth_variance < math.radians(10.0) ** 2
+             for moment, error in zip(following, rig.errors(after, until), strict=True)]
+    return sum(wrong) / max(len(outputs), 1)
