@@ -20,7 +20,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import Ages, Command, Look, PointingController
+from av_pointing.controller import STALE_AFTER_S, Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings, with_gimbal
 
 
@@ -47,6 +47,7 @@ class PointingStage:
         self.command: Command | None = None
         self._base_frame = base_frame
         self._track: Track | None = None
+        self._supported = -math.inf  # when (steady) a bearing was newest whose `measured` is known
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
         self._cue: Look | None = None
@@ -108,7 +109,10 @@ class PointingStage:
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
-        supported = self._track is not None and self._track.measured > 0.0
+        if self._track is not None and self._track.measured > 0.0:
+            self._supported = now.steady
+        # The body slows down by its limits as the newest measurement ages; then the gimbal coasts no further either.
+        supported = now.steady - self._supported <= STALE_AFTER_S
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now) if supported else math.inf,
                     self._odometry.age(now), self._late, self._measured.captured_age(now), self._cued.age(now),
                     self._cued.captured_age(now))
