@@ -1,9 +1,11 @@
 """Settings of every test run."""
 
+import contextlib
 import os
 import signal
 import sys
 
+import psutil
 import pytest
 import repeated_tests
 from ros_domains import free_domain
@@ -32,11 +34,16 @@ def pytest_runtest_protocol(item, nextitem):
 
 @pytest.fixture(autouse=True, scope='module')
 def own_ros_domain():
-    """No module hears the nodes of another run, or those that another module left in this process."""
+    """No module hears the nodes of another run or module, nor shares the machine with what another left running."""
     os.environ['ROS_DOMAIN_ID'] = str(free_domain())
+    before = set(psutil.Process().children(recursive=True))
     yield
     if 'rclpy' in sys.modules:
         sys.modules['rclpy'].try_shutdown()    # a fixture that fails after `rclpy.init` does not fail those that follow
+    for process in set(psutil.Process().children(recursive=True)) - before:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if not any('resource_tracker' in word for word in process.cmdline()):    # of multiprocessing
+                process.kill()
 
 
 def pytest_sessionfinish(session):

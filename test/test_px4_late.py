@@ -23,11 +23,13 @@ def flight():
     pointing = subprocess.Popen(
         [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args', '-p', 'enabled:=true',
          '-p', 'move_gimbal:=false'], env=vehicle.environment)
-    vehicle.wait(lambda state: state['nav_state'] == 14, 90.0, 'offered OFFBOARD')
-    yield vehicle, node
-    pointing.kill()
-    pointing.wait()
-    vehicle.close()
+    try:
+        vehicle.wait(lambda state: state['nav_state'] == 14, 60.0, 'offered OFFBOARD')
+        yield vehicle, node
+    finally:    # what a failure leaves running slows down all tests that follow
+        pointing.kill()
+        pointing.wait()
+        vehicle.close()
 
 
 @pytest.mark.parametrize('age', [0.1, 0.4])
