@@ -15,6 +15,8 @@ from av_fusion.tracks.evidence import Increment
 from av_fusion.tracks.track import Track as FilterTrack
 from av_interfaces.msg import RigReport, TargetDirection, Track, TrackArray
 
+# Nothing older than this comes later: half a window of sound (0.25 s), its processing, half of the time between two reports.
+OLDEST_S = 0.6
 UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
@@ -43,7 +45,7 @@ class RigReporter:
         self._last = now
         added = {track.id: track.increment() for track in tracks}
         found = [(track, each) for track in targets.tracks if (each := added.get(track.id)) is not None]
-        newest = max((each.time for _, each in found), default=now)
+        newest = max((each.time for _, each in found), default=now - OLDEST_S)
         position = UNKNOWN if motion.position is None else combined(1.0, motion.position, -1.0,
                                                                     motion.moved(newest, motion.newest))
         return RigReport(version=RigReport.VERSION, position=np.array(position, np.float32),

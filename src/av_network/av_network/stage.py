@@ -63,7 +63,7 @@ class NetworkStageSettings:
     frame: str = 'map'
     datum: Datum = NO_DATUM
     report_period: float = 0.04
-    wait: float = 0.5
+    wait: float = 1.0
 
 
 @dataclass

@@ -45,7 +45,7 @@ class OwnTracker:
         wait (s): see `ReportQueue`.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None, wait: float = 0.5) -> None:
+    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None, wait: float = 1.0) -> None:
         self.tracker, self._queue = NetworkTracker(rigs, settings), ReportQueue(wait)
 
     def take(self, report: Report, now: float) -> None:

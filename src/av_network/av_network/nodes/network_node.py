@@ -31,7 +31,7 @@ class NetworkNode(RigNode):
     """Subscribes to the reports of each rig and publishes `tracks`. Runs a `NetworkStage`."""
 
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'report_period': 'it is 0.2 s', 'wait': 'it is 0.5 s',
+        'report_period': 'it is 0.2 s', 'wait': 'it is 1 s',
         **dict.fromkeys(('manoeuvre', 'manoeuvre_time', 'climb_share', 'velocity_memory', 'memory_speed', 'rig_manoeuvre',
                          'most_distance'), 'it is that of NetworkSettings')}
 
