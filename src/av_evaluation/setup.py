@@ -34,6 +34,7 @@ setup(
             'evaluate = av_evaluation.cli.evaluate:main',
             'export_tracks = av_evaluation.cli.export_tracks:main',
             'front_back = av_evaluation.cli.front_back:main',
+            'fuzz = av_evaluation.cli.fuzz:main',
             'hearing = av_evaluation.cli.hearing:main',
             'latency = av_evaluation.cli.latency:main',
             'network = av_evaluation.cli.network:main',

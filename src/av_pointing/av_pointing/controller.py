@@ -64,6 +64,7 @@ class Ages(NamedTuple):
         late: part of `bearing` that had passed on its arrival.
         captured: time since the newest measurement was captured.
         cue, cue_captured: time since the newest cue arrived, and since its stamp.
+        supported: whether the bearing rests on a measurement that counts; else nothing follows it, and what turns is braked.
     """
 
     bearing: float = math.inf
@@ -73,6 +74,7 @@ class Ages(NamedTuple):
     captured: float = 0.0
     cue: float = math.inf
     cue_captured: float = math.inf
+    supported: bool = True
 
     @property
     def body_left(self) -> float:
@@ -244,7 +246,7 @@ class PointingController:
         if track.state == State.NONE or not (math.isfinite(track.azimuth) and math.isfinite(track.azimuth_world_rate)):
             return 'no fresh bearing: no target'
         uncertain = ages.predicted and not 0.0 <= track.azimuth_variance <= COAST_SIGMA**2
-        if ages.measurement >= self.settings.coast or uncertain:
+        if ages.measurement >= self.settings.coast or uncertain or not ages.supported:
             return 'no fresh bearing: a prediction without recent measurements'
         return ''
 

@@ -13,14 +13,14 @@ from std_msgs.msg import Float32, Header
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
 from av_common.frames import attitude_of
-from av_common.freshness import FUTURE_S, FreshInput, Instant
+from av_common.freshness import FUTURE_S, REMEMBERED, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import STALE_AFTER_S, Ages, Command, Look, PointingController
+from av_pointing.controller import BODY_TIMEOUT_S, OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings, with_gimbal
 
 
@@ -47,8 +47,8 @@ class PointingStage:
         self.command: Command | None = None
         self._base_frame = base_frame
         self._track: Track | None = None
-        self._supported = -math.inf  # when (steady) a bearing was newest whose `measured` is known
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
+        self._stated: dict[float, tuple[float, float]] = {}  # by `measured`: when it was first stated and captured (steady)
         self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
         self._cue: Look | None = None
         self.contested: Mapping[str, list[str]] = {}
@@ -72,6 +72,9 @@ class PointingStage:
         self._track = track
         ahead = track.time - arrival.ros
         self._arrived, self._late = arrival.steady, ahead if ahead > FUTURE_S else max(-ahead, 0.0)
+        self._stated.setdefault(track.measured, (arrival.steady, arrival.steady - max(arrival.ros - track.measured, 0.0)))
+        while len(self._stated) > REMEMBERED and next(iter(self._stated)) != track.measured:
+            del self._stated[next(iter(self._stated))]
         if track.state != State.NONE:
             self._measured.take(track.measured, arrival)
         return self.on_time(arrival)
@@ -109,15 +112,24 @@ class PointingStage:
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
-        if self._track is not None and self._track.measured > 0.0:
-            self._supported = now.steady
-        # The body slows down by its limits as the newest measurement ages; then the gimbal coasts no further either.
-        supported = now.steady - self._supported <= STALE_AFTER_S
-        ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now) if supported else math.inf,
-                    self._odometry.age(now), self._late, self._measured.captured_age(now), self._cued.age(now),
-                    self._cued.captured_age(now))
+        ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
+                    self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now),
+                    self._is_supported(now))
         self.command = self.controller.step(now.steady, self._track, ages, None if self.contested else self._cue)
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
+
+
+    def _is_supported(self, now: Instant) -> bool:
+        """Whether the newest bearing rests on a measurement.
+
+        One that is older than another one that was stated before, as where another track is followed, must be young by itself.
+        """
+        track, captured = self._track, self._measured.captured_age(now)
+        if track is None or not track.measured > 0.0:
+            return False
+        stated, own = self._stated[track.measured]
+        young = now.steady - stated < BODY_TIMEOUT_S and now.steady - own < OLDEST_MEASUREMENT_S
+        return now.steady - own <= captured or young
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:

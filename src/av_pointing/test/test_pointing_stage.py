@@ -92,3 +92,19 @@ def test_a_body_that_would_never_follow_is_refused_by_name(values, named):
     with pytest.raises(ValueError, match=named):
         pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides=values))
     pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides={'body_follows_at_deg': 60.0}))
+
+
+@pytest.mark.parametrize('back', [0.2, 0.8])
+def test_a_bearing_that_rests_on_an_older_measurement_than_the_one_before_is_as_old_as_that(back):
+    """As where another track is followed: the age of what was followed before must not be lent to it; braked within limits."""
+    stage, rates = make_stage(), []
+    for k in range(20):
+        rates.append(move(stage, bearing(START + 0.05 * k, 1.5), START + 0.05 * k).yaw_rate)
+    assert rates[-1] > 0.1
+    for k in range(20):
+        time = START + 0.95 + 0.02 * (k + 1)
+        message = bearing(time, 1.5)
+        message.measured = to_stamp(START + 0.95 - back)
+        rates.append(move(stage, message, time).yaw_rate)
+        assert abs(rates[-1] - rates[-2]) <= stage.controller.settings.yaw.acceleration * 0.02 + 1e-6
+        assert time < START + max(0.95 - back + 0.3, 0.97) + 0.15 or rates[-1] == 0.0

@@ -113,6 +113,8 @@ class GatedTracker:
         if usable is None:
             return
         time, best = usable.time - self.settings.sight_delay, usable.best
+        if self._target.detection is not None and time < self._target.detection[0]:
+            return  # late: a newer one is known
         self._target.visibility = usable.visibility
         self.machine.on_image(time, best.score if best else 0.0)
         if best and best.score >= self.machine.settings.tau:
@@ -130,6 +132,8 @@ class GatedTracker:
         if usable is None:
             return
         time, images = usable.time - self.settings.sound_delay, usable.hypotheses
+        if target.direction is not None and time < target.direction[0]:
+            return
         yaw = self.motion.yaw(time)
         target.candidates = [Candidate(h.azimuth, h.across_variance, 0.0, 0.0, 1.0 / len(images)) for h in images]
         target.axis = images[0].azimuth + 0.5 * float(wrap(images[-1].azimuth - images[0].azimuth))

@@ -1,0 +1,41 @@
+"""ros2 run av_evaluation fuzz: random sequences of messages against the stages; exits with 1 where one breaks a promise."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+
+from av_evaluation.attack.fuzz import faults
+
+CHUNK = 100    # sequences of a process at a time
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the sequences and print those that broke a promise, with the seeds that repeat them."""
+    parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
+    parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
+    parser.add_argument('--messages', type=int, default=40, help='of each sequence (%(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='of the first sequence (%(default)s)')
+    parser.add_argument('--processes', type=int, default=os.cpu_count() or 1, help='at a time (%(default)s)')
+    options = parser.parse_args(arguments)
+    if min(options.sequences, options.messages, options.processes) < 1 or options.seed < 0:
+        parser.error('expected numbers above 0, and a seed of 0 or more')
+    end = options.seed + options.sequences
+    jobs = [(first, min(CHUNK, end - first), options.messages) for first in range(options.seed, end, CHUNK)]
+    found: dict[int, str] = {}
+    silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
+    with multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
+        for faulty in pool.starmap(faults, jobs):
+            found |= faulty
+    for seed, fault in found.items():
+        print(f'--seed {seed} --sequences 1: {fault}')
+    print(f'{len(found)} of {options.sequences} sequences break a promise')
+    return 1 if found else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
