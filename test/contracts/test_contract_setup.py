@@ -9,6 +9,7 @@ import pytest
 from faulty_rig import Faults, FaultyRig, lies
 from formula_rig import Source, unit
 from scipy.spatial.transform import Rotation
+from vehicle import Vehicle
 
 from av_interfaces.msg import Bearing
 
@@ -88,6 +89,18 @@ def test_a_user_who_knows_better_decides():
     rig, first = told(Faults(camera_yaw_deg=22.0), 1, parameters={'setup_check': 'warn'})
     assert first is not None and first[1].is_certain
     assert any(moment.bearing.source & Bearing.SOURCE_SIGHT for moment in rig.following(first[0] + 1.0))
+
+
+def test_nothing_moves_by_a_contradicted_bearing():
+    """The camera looks 25 deg aside: once that is certain, the body stands, though the drone goes on."""
+    vehicle = Vehicle([drone(1)], rig=FaultyRig, faults=Faults(camera_yaw_deg=25.0))
+    while (fault := vehicle.rig.stage.consistency.fault) is None or not fault.is_certain:
+        vehicle.run(0.5)
+        assert vehicle.rig.now < 40.0
+    told = vehicle.rig.now
+    vehicle.run(6.0)
+    assert any(abs(command.yaw_rate) > 0.05 for command in vehicle.between(0.0, told))
+    assert not any(command.yaw_rate for command in vehicle.between(told + 0.5))
 
 
 def test_a_mended_rig_is_believed_again():

@@ -30,18 +30,19 @@ class Vehicle:
         sources: see `FormulaRig`.
         pointing: parameters of pointing_node that differ from the defaults.
         gimbal: carries the camera, and is where its command was a step ago; None where the camera is fixed.
+        rig: the kind of rig.
         options: further fields of `FormulaRig`.
     """
 
     def __init__(self, sources: list[Source], pointing: dict[str, Any] | None = None, gimbal: GimbalMount | None = None,
-                 **options: Any) -> None:
+                 rig: type[FormulaRig] = FormulaRig, **options: Any) -> None:
         self._parameters = node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True, **(pointing or {})})
         self.pointing = make_pointing_stage(self._parameters, gimbal)
         self.commands: list[tuple[float, PointingCommand]] = []
         self.yaw, self._rate = [0.0], 0.0
         self._looks = [(0.0, 0.0)]
         carrier = {} if gimbal is None else {'gimbal': gimbal, 'camera': self._camera}
-        self.rig = FormulaRig(sources, attitude=self.attitude, on_output=self._obey, on_pose=self._pose, **carrier, **options)
+        self.rig = rig(sources, attitude=self.attitude, on_output=self._obey, on_pose=self._pose, **carrier, **options)
 
     def attitude(self, t: float) -> Rotation:
         """The body's attitude at a time (s)."""

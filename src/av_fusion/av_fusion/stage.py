@@ -331,11 +331,12 @@ def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, 
         apart = max(apart, math.pi**2 / 3.0)  # of a direction that may be any
     east, cross, _, up = track.covariance_world
     uncertain = track._replace(
-        state=State.COASTING, source=Source.NOTHING, reason=f'the rig is not as described: {fault.text}',
+        state=State.COASTING, source=Source.NOTHING, measured=0.0, reason=f'the rig is not as described: {fault.text}',
         azimuth_variance=track.azimuth_variance + apart, covariance_world=(east + apart, cross, cross, up),
         front_probability=0.5, resolved=False, requested_rotation=0.0, look=None)
     return uncertain, targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(source=Source.NOTHING, resolved=False)) for target in targets.targets]))
+        [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0, resolved=False))
+         for target in targets.targets]))
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
