@@ -22,6 +22,7 @@ CONFIG = Path(__file__).resolve().parent.parent / 'config'
 POLICY = {enclave.path.lstrip('/'): enclave for enclave in read_policy(CONFIG / 'security' / 'policy.xml')}
 NODES = sorted({program.name for program in entry_points(group='console_scripts')
                 if program.module.startswith('av_') and '.nodes.' in program.module})
+SECOND = {'second_camera_node': 'camera_node', 'second_camera_detector_node': 'detector_node'}  # of a rig with two cameras
 # Beside a vehicle only: PX4's topics, and what is made of those that not every firmware sends.
 ELSEWHERE = {'px4_node': {'rt/fmu/in/*', 'rt/fmu/out/*', 'rt/motor_speeds'}}
 # ROS 2 Humble has no such service.
@@ -39,7 +40,17 @@ def dds_topics(endpoints: dict[str, set[str]]) -> tuple[set[str], set[str]]:
 
 
 def test_every_node_has_an_enclave_and_every_enclave_a_node():
-    assert set(POLICY) == {*NODES, 'operator'}
+    assert set(POLICY) == {*NODES, *SECOND, 'operator'}
+
+
+@pytest.mark.parametrize(('second', 'first'), SECOND.items())
+def test_nodes_of_a_second_camera_may_do_as_those_of_the_first(second, first):
+    """Under other names; what the rig shares, they read."""
+    for verb in ('publish', 'subscribe'):
+        may, others = (sorted(getattr(POLICY[name], verb)) for name in (second, first))
+        renamed = {pattern.replace(first, second).replace('rt/camera/', 'rt/second_camera/') for pattern in others}
+        own = {pattern for pattern in may if pattern not in renamed}
+        assert len(may) == len(others) and all(pattern.startswith('rt/second_camera/') for pattern in own), own
 
 
 @pytest.mark.system

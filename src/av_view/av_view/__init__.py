@@ -4,6 +4,6 @@ from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
     'rig_state': 'RigState',
-    'server': 'ServerSettings ViewServer',
+    'server': 'ViewServer',
     'foxglove_port': 'FoxglovePort',
 })
