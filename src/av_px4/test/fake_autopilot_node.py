@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections import deque
+from functools import cached_property
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -100,8 +101,6 @@ class FakeNode:
         self.publishers |= {name: self.node.create_publisher(
             getattr(messages, ''.join(map(str.capitalize, name.rpartition('_')[0].split('_')))), f'fmu/out/{name}', WRITES)
             for name in stale}
-        self.bearings = self.node.create_publisher(Bearing, 'target/bearing', RIG)
-        self.pointing = self.node.create_publisher(PointingCommand, 'pointing/command', RIG)
         for kind, name, take in ((Odometry, 'odometry', self.on_odometry), (Bearing, 'target/bearing', self.on_bearing),
                                  (PointingCommand, 'pointing/command', self.on_pointing),
                                  (DiagnosticArray, '/diagnostics', self.on_diagnostics),
@@ -110,6 +109,15 @@ class FakeNode:
             self.node.create_subscription(kind, name, take, READS if name == 'motor_speeds' else RIG)
         self.odometry, self.tracking = None, 0.0
         self.target, self.last_bearing, self.turned_then = None, math.inf, 0.0
+
+    # Only where this node takes the part of fusion or pointing: beside theirs it would be a second publisher, and refused.
+    @cached_property
+    def bearings(self):
+        return self.node.create_publisher(Bearing, 'target/bearing', RIG)
+
+    @cached_property
+    def pointing(self):
+        return self.node.create_publisher(PointingCommand, 'pointing/command', RIG)
 
     def topic(self, side, name, kind):
         message = getattr(messages, kind)
