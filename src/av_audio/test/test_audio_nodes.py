@@ -5,6 +5,7 @@ import itertools
 import re
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
@@ -57,7 +58,11 @@ class Rig:
             self.received[name] = []
             deep = QoSProfile(depth=2000, reliability=qos.reliability)
             self.recorder.create_subscription(kind, name, self.received[name].append, deep)
-        self.frames = self.recorder.create_publisher(AudioFrame, 'audio/frames', STREAM)
+
+    @cached_property
+    def frames(self):
+        """Where frames are sent from; beside an audio_node it would be a second publisher, and refused."""
+        return self.recorder.create_publisher(AudioFrame, 'audio/frames', STREAM)
 
     def add(self, kind, **parameters):
         node = kind(parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
