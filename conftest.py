@@ -18,6 +18,7 @@ os.environ['AV_STRICT'] = '1'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 
+@pytest.hookimpl(tryfirst=True)    # xdist reads the groups in its own hook
 def pytest_collection_modifyitems(items):
     """With `-n`, tests of one file share a process, and those that start nodes come last, one after the other."""
     items.sort(key=lambda item: item.get_closest_marker('system') is not None)

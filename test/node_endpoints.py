@@ -31,18 +31,19 @@ from av_bags.writer import BagWriter
 from av_common.node import RigNode
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
-RIG, RIG_GIMBAL = str(CONFIG / 'rig.yaml'), str(CONFIG / 'rig_gimbal.yaml')
+RIG, RIG_GIMBAL, RIG_TWO_CAMERAS = (str(CONFIG / f'{name}.yaml') for name in ('rig', 'rig_gimbal', 'rig_two_cameras'))
 ARRAY = str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
 # Parameters with which a node has everything that it can have, in one or several runs.
 VARIANTS: dict[str, list[dict]] = {
     'audio_node': [{'file': '{folder}/sound.wav'}],
     'audio_common_node': [{'direction': 'from_audio_common'}, {'direction': 'to_audio_common'}],
     'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'depth_port': 9998, 'targets': 2},
-                    {'rig_file': RIG_GIMBAL, 'follow_odometry': True}],
+                    {'rig_file': RIG_GIMBAL, 'follow_odometry': True},
+                    {'rig_file': RIG_TWO_CAMERAS, 'oracle_detections': True, 'second_image_port': 9996}],
     'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
     'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
     'doa_node': [{'array_file': ARRAY, 'ego_rotors': 'topic'}],
-    'fusion_node': [{'use_cues': True}],
+    'fusion_node': [{'use_cues': True}, {'rig_file': RIG_TWO_CAMERAS}],
     'network_node': [{'rigs': ['left', 'right'], 'positions': [0.0] * 6, 'pose_sources': ['odometry', 'fix'], 'cue': True,
                       'datum': {'known': True, 'latitude': 48.0, 'longitude': 11.0, 'altitude': 500.0}}],
     'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
