@@ -55,7 +55,7 @@ complaints = {}
 for words in sys.argv[2:]:
     arguments = {name: default or '' for name, (default, _, _) in launch_file.ARGUMENTS.items()}
     arguments |= {'source': 'hardware'} if 'source' in arguments else {}
-    arguments |= dict(word.split(':=', 1) for word in words.split())
+    arguments |= {'AV_RIG_RUN': sys.prefix, **dict(word.split(':=', 1) for word in words.split())}
     try:
         launch_file.start(arguments)
     except Exception as error:
