@@ -103,9 +103,10 @@ class Supervision:
         return [RegisterEventHandler(OnProcessExit(on_exit=self._on_exit)), watch, *timer]
 
     async def _watch(self) -> None:
-        while True:
-            await asyncio.sleep(CHECK_PERIOD_S)
-            self.check()
+        with suppress(asyncio.CancelledError):  # at the shutdown; a cancelled task would end the launch with an error
+            while True:
+                await asyncio.sleep(CHECK_PERIOD_S)
+                self.check()
 
     def check(self) -> None:
         """End the processes that hang."""
