@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +91,9 @@ class ConsistencyMonitor:
     Each hypothesis of `HYPOTHESES` predicts the measurements by one model of the set-up; their likelihoods multiply. What no
     measurement of the rig can show is a heading that is off by a constant, and its drift while one target moves.
 
+    Attributes:
+        fault: what is known to be wrong, None without; it stays until the description fits again.
+
     Parameters:
         motion: attitude of the rig.
         sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
@@ -97,21 +102,16 @@ class ConsistencyMonitor:
     def __init__(self, motion: RigMotion, sound_delay: float = 0.0, sight_delay: float = 0.0) -> None:
         self._motion, self._sound_delay, self._sight_delay = motion, sound_delay, sight_delay
         self._waiting: list[tuple[float, int, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
-        self._number = 0
+        self._numbers = count()  # of measurements: those of one time stay in their order
         self.reset()
 
     def reset(self) -> None:
         """Begin anew, as after the set-up was mended."""
         self._bank: FilterBank | None = None
         self._time = self._seen = self._heard = -math.inf
-        self._fault: Fault | None = None
+        self.fault: Fault | None = None
         self._jumps = self._motion.jumps
         self._waiting.clear()
-
-    @property
-    def fault(self) -> Fault | None:
-        """The fault that is known, None without one. It stays until the description fits again."""
-        return self._fault
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Take the directions of one window, those that may be a drone's."""
@@ -127,8 +127,7 @@ class ConsistencyMonitor:
 
     def _add(self, time: float, measurement: CameraMeasurement | tuple[DoaMeasurement, ...]) -> None:
         if len(self._waiting) < MOST_WAITING:
-            self._number += 1
-            self._waiting.append((time, self._number, measurement))
+            heappush(self._waiting, (time, next(self._numbers), measurement))
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
@@ -138,33 +137,30 @@ class ConsistencyMonitor:
             self._jumps, self._seen = self._motion.jumps, -math.inf
             if self._bank is not None:
                 self._bank.turn_world()
-        self._waiting.sort()
-        used = 0
-        for time, _, measurement in self._waiting:
-            if time > now - LAG_S:
-                break
-            used += 1
+        used = False
+        while self._waiting and self._waiting[0][0] <= now - LAG_S:
+            time, _, measurement = heappop(self._waiting)
+            used = True
             if time >= self._time and self._motion.is_known(time):
                 if isinstance(measurement, CameraMeasurement):
                     self._see(time, measurement)
                 else:
                     self._hear(time, measurement)
-        if used:
-            del self._waiting[:used]
-            self._decide()
-        return self._fault
+        if used and self._bank is not None:
+            self._decide(self._bank)
+        return self.fault
 
     def _see(self, time: float, measurement: CameraMeasurement) -> None:
         best = measurement.best
         if best is None or time < self._seen + SIGHT_PERIOD_S:
             return
-        ray = turned_back(measurement.view, direction(best.azimuth, best.elevation))
-        yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
         if self._bank is not None:
             if time > self._seen + GAP_S:
                 self._bank.forget_target()
-            self._pass(time)
-            self._bank.see(SightEvent(time, np.array(ray), np.array(measurement.view), self._level(time), yaws,
+            self._pass(self._bank, time)
+            ray = turned_back(measurement.view, direction(best.azimuth, best.elevation))
+            yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
+            self._bank.see(SightEvent(np.array(ray), np.array(measurement.view), self._level(time), yaws,
                                       best.across_variance + SIGHT_SIGMA**2, measurement.half_view))
         self._seen = time
 
@@ -174,25 +170,24 @@ class ConsistencyMonitor:
             self._bank = FilterBank(tuple(h for h in HYPOTHESES if cone is not None or not h.for_pair))
         if time < self._heard + first.window or abs(time - self._seen) > SIMULTANEOUS_S:  # windows that overlap are repetitions
             return
-        self._pass(time)
+        self._pass(self._bank, time)
         self._heard = time
         pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
         images = np.array([h.azimuth for h in first.hypotheses])
         if cone is not None:
             cosines = np.array([m.cone.cosine for m in window if m.cone is not None])
             variance = cone.variance + SOUND_SIGMA**2 * cone.slope_squared
-            self._bank.hear(SoundEvent(time, np.array(cone.axis), cosines, variance, images, *pose))
+            self._bank.hear(SoundEvent(np.array(cone.axis), cosines, variance, images, *pose))
             return
         across = first.hypotheses[0].across_variance + SOUND_SIGMA**2
         heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
         for axis in np.eye(3)[:2]:
-            self._bank.hear(SoundEvent(time, axis, heard @ axis, across, images, *pose))
+            self._bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose))
 
-    def _pass(self, time: float) -> None:
-        assert self._bank is not None
+    def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0
-        self._bank.predict(seconds)
-        self._bank.fade(math.exp(-seconds / EVIDENCE_S))
+        bank.predict(seconds)
+        bank.fade(math.exp(-seconds / EVIDENCE_S))
         self._time = time
 
     def _level(self, time: float) -> NDArray:
@@ -201,26 +196,22 @@ class ConsistencyMonitor:
         back = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
         return np.asarray(back @ np.array(self._motion.attitude(time)))
 
-    def _decide(self) -> None:
-        if self._bank is None:
-            return
-        posterior = self._bank.posterior()
-        faults = [k for k, h in enumerate(self._bank.hypotheses) if h.is_fault]
-        best = max(faults, key=lambda k: posterior[k])
+    def _decide(self, bank: FilterBank) -> None:
+        posterior = bank.posterior()
+        faults = sorted((k for k, h in enumerate(bank.hypotheses) if h.is_fault), key=lambda k: -posterior[k])
         wrong = float(sum(posterior[k] for k in faults))
         if wrong >= SUSPECTED:
-            self._fault = self._named(self._bank, best, wrong)
+            named = [k for k in faults if k == faults[0] or posterior[k] > LEAST_NAMED]
+            self.fault = self._fault_of(bank, named, wrong)
         elif wrong < 1.0 - SUSPECTED:
-            self._fault = None
+            self.fault = None
 
-    def _named(self, bank: FilterBank, number: int, probability: float) -> Fault:
-        hypothesis = bank.hypotheses[number]
-        certain = not hypothesis.is_mild and (probability >= NAMED or (self._fault is not None and self._fault.is_certain))
-        posterior = bank.posterior()
-        others = [k for k, h in enumerate(bank.hypotheses) if h.is_fault and k != number and posterior[k] > LEAST_NAMED]
-        texts = [_text(bank, k) for k in (number, *sorted(others, key=lambda k: -posterior[k]))]
-        return Fault('; or '.join(texts), hypothesis.mend, probability, certain, bank.apart(number),
-                     hypothesis.reversed_yaw)
+    def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float) -> Fault:
+        """A fault by the indices of its hypotheses, the most probable first."""
+        worst = bank.hypotheses[named[0]]
+        certain = not worst.is_mild and (probability >= NAMED or (self.fault is not None and self.fault.is_certain))
+        return Fault('; or '.join(_text(bank, k) for k in named), worst.mend, probability, certain, bank.apart(named[0]),
+                     worst.reversed_yaw)
 
 
 def _text(bank: FilterBank, number: int) -> str:

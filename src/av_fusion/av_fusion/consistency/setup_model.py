@@ -13,13 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.angles import wrap
+
 TARGET, TARGET_RATE, OTHER, OTHER_RATE, BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(11)
 SIZE = 11
 # Errors that a careful description still has: of the camera's yaw (rad), its stamps (s), the delay between the microphones as
 # a cosine, and the logarithms of spacing and focal length. Self-calibration learns what remains.
 CAREFUL = {CAMERA_YAW: math.radians(2.0), CAMERA_LATE: 0.03, DELAY: 0.02, SPACING: 0.04, FOCAL: 0.1}
-# Directions of arrival err together for some time, by reflections and by the housing: an Ornstein-Uhlenbeck process.
 TRAVEL_S, TRAVEL_SIGMA_S = 0.1, 0.1  # time that sound takes, over distances of some 10 to 70 m
+# Directions of arrival err together for some time, by reflections and by the housing: an Ornstein-Uhlenbeck process.
 BIAS_SIGMA, BIAS_TIME_S = 0.05, 2.0  # of a cosine
 # Multirotors accelerate by 3 to 6 m/s^2: 8 deg/s^2 at 30 m, for about a second (Singer 1970, whose density is 2 sigma^2 tau).
 ACCELERATION_DENSITY = 2.0 * math.radians(8.0) ** 2 * 1.0  # rad^2/s^3
@@ -27,7 +29,6 @@ ADAPTATION, LARGEST_SQUARE, MOST_MANOEUVRE = 0.05, 25.0, 300.0  # of the density
 RATE_SIGMA = math.radians(15.0)  # rad/s, of a target that was just found
 YAW_DELAYS_S = np.arange(-0.5, 1.05, 0.1)  # at which the heading is looked up for cameras whose stamps are wrong
 SIGHT_CLUTTER, SOUND_CLUTTER = 0.05, 0.1  # probability that a measurement stems from nothing of what is modelled
-Rows = NDArray
 
 
 @dataclass(frozen=True)
@@ -69,19 +70,17 @@ class SightEvent(NamedTuple):
     """A sighting.
 
     Parameters:
-        time (s): of the image.
         ray: unit vector (3) in the camera (x along its axis, y left, z up).
         view: rotation (3 x 3) of the camera on the body.
         level: rotation (3 x 3) of the body against a level body of the same heading.
-        yaws (rad): headings at `time - YAW_DELAYS_S`, unwrapped.
+        yaws (rad): headings YAW_DELAYS_S before its stamp, unwrapped.
         variance (rad^2): of its azimuth.
         half_view (rad): half of the field of view.
     """
 
-    time: float
     ray: NDArray
-    view: Rows
-    level: Rows
+    view: NDArray
+    level: NDArray
     yaws: NDArray
     variance: float
     half_view: float
@@ -91,7 +90,6 @@ class SoundEvent(NamedTuple):
     """A window of sound.
 
     Parameters:
-        time (s): centre of the window.
         axis: unit vector (3) in the body.
         cosines: (n) measured, of all directions of the window.
         variance: of a cosine.
@@ -101,12 +99,11 @@ class SoundEvent(NamedTuple):
         window (s): length of the window.
     """
 
-    time: float
     axis: NDArray
     cosines: NDArray
     variance: float
     images: NDArray
-    level: Rows
+    level: NDArray
     yaw: float
     yaw_rate: float
     window: float
@@ -173,13 +170,11 @@ class FilterBank:
         noise = np.zeros((SIZE, SIZE))
         growth = ACCELERATION_DENSITY * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
         noise[OTHER:OTHER_RATE + 1, OTHER:OTHER_RATE + 1] = growth
-        growth = self._manoeuvre * growth
-        noise[TARGET:TARGET_RATE + 1, TARGET:TARGET_RATE + 1] = growth
         noise[BIAS, BIAS] = BIAS_SIGMA**2 * (1.0 - step[BIAS, BIAS] ** 2)
         self.mean = self.mean @ step.T
         self.covariance = step @ self.covariance @ step.T + noise
         # How much a target manoeuvres, as seen, is no evidence for a scale of angles: its distance is not known.
-        scale = np.exp(2.0 * self.mean[:, FOCAL]) - 1.0
+        scale = self._manoeuvre * np.exp(2.0 * self.mean[:, FOCAL])
         self.covariance[:, TARGET:TARGET_RATE + 1, TARGET:TARGET_RATE + 1] += scale[:, None, None] * growth
 
     def see(self, event: SightEvent) -> None:
@@ -193,13 +188,13 @@ class FilterBank:
                                 np.interp(late - 0.05, YAW_DELAYS_S, event.yaws)) / 0.1
         expected = self.mean[:, TARGET] - self.mean[:, TARGET_RATE] * late - yaws
         if not self._target_known:
-            self.mean[:, TARGET] += _wrapped(azimuth - expected)
+            self.mean[:, TARGET] += wrap(azimuth - expected)
             expected = azimuth
         slopes = np.zeros_like(self.mean)
         slopes[:, TARGET], slopes[:, TARGET_RATE] = 1.0, -late
         slopes[:, CAMERA_YAW], slopes[:, CAMERA_LATE] = -1.0, -self.mean[:, TARGET_RATE] - turning
-        slopes[:, FOCAL] = -_wrapped(nearby - azimuth) / 0.01
-        left = _wrapped(azimuth - expected)[:, None]
+        slopes[:, FOCAL] = -wrap(nearby - azimuth) / 0.01
+        left = wrap(azimuth - expected)[:, None]
         scale = np.exp(self.mean[:, FOCAL])    # of angles: the density is that of the angle as it was measured
         variance = event.variance * scale**2
         if self._target_known:
@@ -300,11 +295,6 @@ class FilterBank:
         innovation = left[rows, best]
         k = gain / spread[:, None]
         self.mean += (share * innovation)[:, None] * k
-        outer = k[:, :, None] * k[:, None, :]
-        self.covariance -= (share * spread)[:, None, None] * outer
-        self.covariance += (share * (1.0 - share) * innovation**2)[:, None, None] * outer
+        change = share * ((1.0 - share) * innovation**2 - spread)
+        self.covariance += change[:, None, None] * k[:, :, None] * k[:, None, :]
         return np.asarray(share)
-
-
-def _wrapped(angle: NDArray) -> NDArray:
-    return np.asarray((angle + math.pi) % math.tau - math.pi)
