@@ -301,7 +301,9 @@ class FusionStage:
         targets = self.tracker.targets(track)
         fault = self.consistency.advance(now) if self.consistency is not None else None
         if self.gate.contested:
-            track, targets = _as_predictions(track, targets, self.gate.contested)
+            reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
+                               for name, nodes in self.gate.contested.items())
+            track, targets = _as_predictions(track, targets, reason)
         elif fault is not None and fault.is_certain and self.settings.stop_at_faults and track.state != State.NONE:
             track, targets = _contradicted(track, targets, fault)
         if self._observer is not None:
@@ -311,12 +313,11 @@ class FusionStage:
                             targets_message(targets, frame))
 
 
-def _as_predictions(track: Track, targets: Targets, contested: Mapping[str, list[str]]) -> tuple[Track, Targets]:
-    """The estimates as predictions, on which nothing moves: an input has several publishers, any of which may be a forger.
+def _as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track, Targets]:
+    """The estimates as predictions, on which nothing moves, for a reason: one of several publishers may be a forger.
 
     They state no measurement, as what comes by the other inputs is judged together with what the forger's left behind.
     """
-    reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})' for name, nodes in contested.items())
     state = State.NONE if track.state == State.NONE else State.COASTING
     predicted = track._replace(state=state, source=Source.NOTHING, measured=0.0, reason=reason, requested_rotation=0.0,
                                look=None)
@@ -330,13 +331,11 @@ def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, 
     if fault.concerns_world:
         apart = max(apart, math.pi**2 / 3.0)  # of a direction that may be any
     east, cross, _, up = track.covariance_world
-    uncertain = track._replace(
-        state=State.COASTING, source=Source.NOTHING, measured=0.0, reason=f'the rig is not as described: {fault.text}',
-        azimuth_variance=track.azimuth_variance + apart, covariance_world=(east + apart, cross, cross, up),
-        front_probability=0.5, resolved=False, requested_rotation=0.0, look=None)
-    return uncertain, targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0, resolved=False))
-         for target in targets.targets]))
+    uncertain = track._replace(azimuth_variance=track.azimuth_variance + apart, front_probability=0.5, resolved=False,
+                               covariance_world=(east + apart, cross, cross, up))
+    unresolved = targets._replace(targets=tuple(
+        [target._replace(track=target.track._replace(resolved=False)) for target in targets.targets]))
+    return _as_predictions(uncertain, unresolved, f'the rig is not as described: {fault.text}')
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
