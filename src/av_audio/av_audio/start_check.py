@@ -16,6 +16,7 @@ from av_audio.localizer import LocalizerSettings
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage, localizer_settings
 from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 
 # A direction counts for this long since the centre of its window, in fusion's states and for what moves a body; a tenth of it
@@ -80,9 +81,7 @@ def _band(settings: LocalizerSettings) -> str:
 def _clean_sound(array: MicrophoneArray, settings: LocalizerSettings, rate: int) -> NDArray[np.float32]:
     """One window (n, channels) of white noise alone, at `rate` (Hz), from within the elevations."""
     count, elevation = round(settings.window_s * rate), np.radians(np.mean(settings.elevation_deg))
-    level = np.cos(elevation)
-    towards = np.array([level * np.cos(AZIMUTH), level * np.sin(AZIMUTH), np.sin(elevation)])
-    lead = array.positions @ towards / speed_of_sound(settings.temperature_c)
+    lead = array.positions @ angles_to_direction(AZIMUTH, elevation) / speed_of_sound(settings.temperature_c)
     frequencies = fft.rfftfreq(2 * count, 1.0 / rate)
     spectrum = fft.rfft(0.1 * np.random.default_rng(1).standard_normal(2 * count))
     sound = fft.irfft(spectrum * np.exp(2j * np.pi * frequencies * lead[:, None]))

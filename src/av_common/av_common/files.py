@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import reprlib
 import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
@@ -15,6 +16,11 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 4
 _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
 _SHORT.maxlevel = 3
+
+
+def ros_home() -> Path:
+    """The folder in which ROS keeps what is a user's: ROS_HOME, by default ~/.ros."""
+    return Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
 
 
 def check_file(path: str | Path, most_bytes: float = float('inf'), kind: str = '') -> Path:

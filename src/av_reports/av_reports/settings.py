@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
+from av_common.files import ros_home
 from av_reports.contacts import Place, Selection
 from av_reports.cot.connection import CotAddress, check_address
 from av_reports.cot.settings import CotSettings
@@ -39,8 +38,7 @@ def node_uuid(name: str) -> str:
 
     Raises OSError and ValueError, see `kept_uuid`.
     """
-    folder = Path(os.environ.get('ROS_HOME') or Path.home() / '.ros')
-    return kept_uuid(folder / 'av_reports' / f'{name.strip("/").replace("/", ".") or "report_node"}.uuid')
+    return kept_uuid(ros_home() / 'av_reports' / f'{name.strip("/").replace("/", ".") or "report_node"}.uuid')
 
 
 def sapient_settings(values: Any, name: str) -> SapientSettings:

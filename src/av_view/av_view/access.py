@@ -13,6 +13,8 @@ from pathlib import Path
 from tempfile import mkstemp
 from urllib.parse import urlsplit
 
+from av_common.files import ros_home
+
 
 class Access:
     """Rules for requests to a server of this machine.
@@ -68,7 +70,7 @@ class PrivateAddress:
     """
 
     def __init__(self, port: int) -> None:
-        self.file = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser() / f'page_{port}.address'
+        self.file = ros_home() / f'page_{port}.address'
 
     def token(self) -> str:
         """The token of the process before, so that open pages stay valid when this one replaces it; empty for none."""
