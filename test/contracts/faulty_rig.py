@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from formula_rig import FormulaRig
-from geometry_msgs.msg import Quaternion
+from formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -57,11 +56,9 @@ class FaultyRig(FormulaRig):
         place, wrong = super().pixel(t, source), self.faults
         if place is None:
             return None
-        width, height = 640, 480
-        x, y = wrong.focal * (place[0] - 0.5 * (width - 1)), wrong.focal * (place[1] - 0.5 * (height - 1))
-        x, y = (-x if wrong.mirrored or wrong.upside_down else x), (-y if wrong.upside_down else y)
-        place = np.array([x + 0.5 * (width - 1), y + 0.5 * (height - 1)])
-        return place if 0.0 <= place[0] < width and 0.0 <= place[1] < height else None
+        signs = np.array([-1.0 if wrong.mirrored or wrong.upside_down else 1.0, -1.0 if wrong.upside_down else 1.0])
+        place = CENTRE + wrong.focal * signs * (place - CENTRE)
+        return place if 0.0 <= place[0] < WIDTH and 0.0 <= place[1] < HEIGHT else None
 
     def send(self, kind: str, message: Any, captured: float, takes: float) -> None:
         """Put a message on its way, with its faults."""
@@ -75,8 +72,7 @@ class FaultyRig(FormulaRig):
                     apart = math.asin(one.cosine)
                     one.azimuth = apart if front else math.copysign(math.pi, apart) - apart
         elif kind == 'odometry' and wrong.yaw_sign < 0:
-            yaw = Rotation.from_quat([getattr(message.pose.pose.orientation, k) for k in 'xyzw']).as_euler('ZYX')[0]
-            message.pose.pose.orientation = Quaternion(w=math.cos(0.5 * yaw), z=-math.sin(0.5 * yaw))
+            message.pose.pose.orientation.z *= -1.0    # of a level rig
             message.twist.twist.angular.z *= -1.0
         elif kind in ('detections', 'visibility') and wrong.late:
             message.header.stamp = to_stamp(to_seconds(message.header.stamp) + wrong.late)

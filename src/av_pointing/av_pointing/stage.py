@@ -118,7 +118,6 @@ class PointingStage:
         self.command = self.controller.step(now.steady, self._track, ages, None if self.contested else self._cue)
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
 
-
     def _is_supported(self, now: Instant) -> bool:
         """Whether the newest bearing rests on a measurement.
 
