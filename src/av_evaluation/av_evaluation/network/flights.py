@@ -118,11 +118,10 @@ def least_squares(reports: Sequence[Report], now: float) -> Fit | None:
         reports: of one drone, that have arrived.
         now (s): the present.
     """
-    used = [(report.position, one) for report in reports for one in report.sightings if now - one.measured < WINDOW_S]
-    rigs = Counter(report.rig for report in reports for one in report.sightings if now - one.measured < WINDOW_S)
-    if sum(count > 1 for count in rigs.values()) < 2:
+    used = [(report, one) for report in reports for one in report.sightings if now - one.measured < WINDOW_S]
+    if sum(count > 1 for count in Counter(report.rig for report, _ in used).values()) < 2:
         return None
-    places, times = np.array([place for place, _ in used]), np.array([one.measured for _, one in used])
+    places, times = np.array([report.position for report, _ in used]), np.array([one.measured for _, one in used])
     angles = np.array([(one.azimuth, one.elevation) for _, one in used])
     across = sphere.axes(angles)  # (k, 2, 3)
     time, distances = float(np.max(times)), np.ones(len(used))
