@@ -171,9 +171,9 @@ class PointingController:
     def limit_body(self, rate: float) -> None:
         """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too.
 
-        Raises ValueError for a rate that is not positive.
+        Infinite where nobody limits it. Raises ValueError for a rate that is not positive.
         """
-        if not 0.0 < rate < math.inf:
+        if not rate > 0.0:
             raise ValueError(f'a limit of {rate} rad/s, expected a positive one')
         self._vehicle_rate = rate
         self.body.limit_rate(min(rate, self.settings.yaw.rate))

@@ -13,8 +13,9 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from ros_domains import free_domain
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float32
 
-from av_common.qos import RESULT, STREAM
+from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 
@@ -60,6 +61,15 @@ class Bench:
             while time.monotonic() < end:
                 self.executor.spin_once(timeout_sec=0.005)
 
+    def run_until(self, condition):
+        """Publish new measurements until it holds for the newest command's rate; returns whether it did."""
+        steady = time.monotonic()
+        for _ in range(20):
+            self.run(0.5, lambda t: START + time.monotonic() - steady, lambda t: START + time.monotonic() - steady - 0.1)
+            if self.commands and condition(self.commands[-1][1]):
+                return True
+        return False
+
     def close(self):
         self.process.kill()
         self.process.wait()
@@ -83,13 +93,19 @@ CLOCKS = {'runs': lambda t: t, 'stands': lambda t: 0.0, 'runs back': lambda t: -
 def test_whatever_the_clock_does_the_body_stops_with_the_measurements(bench, clock):
     """0.3 s after `measured` stood still the node commands 0, and goes on commanding it."""
     steady = time.monotonic()
-    for _ in range(20):  # until the node is up
-        bench.run(1.0, lambda t: START + time.monotonic() - steady, lambda t: START + time.monotonic() - steady - 0.1)
-        if bench.commands and bench.commands[-1][1] > 0.3:
-            break
-    assert bench.commands[-1][1] > 0.3
+    assert bench.run_until(lambda rate: rate > 0.3)
     last = time.monotonic()
     now = START + last - steady
     bench.run(3.0, lambda t: now + clock(t), lambda t: now - 0.1)
     late = [(arrival - last, rate) for arrival, rate in bench.commands if arrival > last + 0.3 + 1.0 / 30.0]
     assert len(late) > 40 and all(rate == 0.0 for _, rate in late), late[:5]
+
+
+def test_a_limit_ends_with_its_last_publisher(bench):
+    """A limit of almost nothing holds while somebody states it, and not for good."""
+    assert bench.run_until(lambda rate: rate > 0.3)
+    limits = bench.node.create_publisher(Float32, 'yaw_rate_limit', LATCHED)
+    limits.publish(Float32(data=1e-6))
+    assert bench.run_until(lambda rate: rate <= 1e-5)
+    bench.node.destroy_publisher(limits)
+    assert bench.run_until(lambda rate: rate > 0.3)

@@ -13,6 +13,7 @@ from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool
@@ -63,12 +64,14 @@ class PointingNode(RigNode):
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         self._ran, self._resumed = time.monotonic(), -math.inf
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self.refuse_second_publishers('target/bearing', 'odometry', tell=partial(setattr, self._stage, 'contested'))
+        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', tell=partial(setattr, self._stage, 'contested'))
         self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self.while_active(self.create_subscription, Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED)
+        self.while_active(self.create_subscription, Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED,
+                          event_callbacks=SubscriptionEventCallbacks(
+                              matched=lambda status: self._stage.on_limiters(status.current_count)))
         if self._settings.follow_cues:
             self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)

@@ -75,7 +75,7 @@ class Px4Node(RigNode):
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
-        self.create_publisher(Float32, LIMIT_TOPIC, LATCHED).publish(Float32(data=self._stage.settings.max_rate))
+        self._limit = self.create_publisher(Float32, LIMIT_TOPIC, LATCHED)
 
     def activate(self) -> None:
         """Subscribe to the rig's topics and search for PX4's."""
@@ -121,6 +121,7 @@ class Px4Node(RigNode):
         return names
 
     def _discover(self) -> None:
+        self._limit.publish(Float32(data=self._stage.settings.max_rate))    # repeatedly: it ends with any other publisher
         self._link.discover()
         self._stage.unused = {name for name in self._inputs() if not self._link.reads(name)} | {
             name for name in MODE_OUTPUTS if not self._link.sends(name)}
