@@ -20,11 +20,17 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 @pytest.hookimpl(tryfirst=True)    # xdist reads the groups in its own hook
 def pytest_collection_modifyitems(items):
-    """With `-n`, tests of one file share a process, and those that start nodes come last, one after the other."""
-    items.sort(key=lambda item: item.get_closest_marker('system') is not None)
+    """With `-n`, tests of whole rigs begin and run one after the other; beside them run those that start nodes, then all others.
+
+    Tests of one file share a process.
+    """
+    def order(item):
+        starts = item.get_closest_marker('system') is not None
+        return not starts, starts and item.path.parent != item.config.rootpath / 'test'
+
+    items.sort(key=order)
     for item in items:
-        group = 'system' if item.get_closest_marker('system') else item.path.name
-        item.add_marker(pytest.mark.xdist_group(group))
+        item.add_marker(pytest.mark.xdist_group('rig' if order(item) == (False, False) else item.path.name))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -26,7 +26,7 @@ def test_sound_and_video_begin_together(tmp_path, seconds, offset):
     soundfile.write(tmp_path / 'sound.wav', 0.1 * rng.normal(size=(round(16_000 * seconds), 2)), 16_000)
     (tmp_path / 'params.yaml').write_text('/**/camera_node: {ros__parameters: {rate: 8.0}}\n')
     rig = RigProcess('source:=file', f'audio:={tmp_path}/sound.wav', f'video:={tmp_path}/images', f'video_offset:={offset}',
-                     f'params:={tmp_path}/params.yaml', f'record:={tmp_path}/bag.mcap', 'duration:=30')
+                     f'params:={tmp_path}/params.yaml', f'record:={tmp_path}/bag.mcap', 'duration:=15')
     assert rig.finish() == 0, rig.output
     sounds, sights = [], []
     with Bag(tmp_path / 'bag.mcap') as bag:
