@@ -20,7 +20,7 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 @pytest.hookimpl(tryfirst=True)    # xdist reads the groups in its own hook
 def pytest_collection_modifyitems(items):
-    """With `-n`, tests of whole rigs begin and run one after the other; beside them run those that start nodes, then all others.
+    """With `-n`, tests of whole rigs begin, one after the other; beside them run those that start nodes, then all others.
 
     Tests of one file share a process.
     """
