@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from av_evaluation.experiments.physical import labelled_azimuths, longest_take, 
 from av_evaluation.experiments.publication import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.comparison import write_json
 from av_evaluation.metrics.results import MethodResult, RunResult
-from av_evaluation.report.measured import BEGIN, END, disagreement, measured_table, write_readme
+from av_evaluation.report.measured import BEGIN, END, disagreement, measured_table, measured_version, write_readme
 from av_evaluation.runs import program
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -75,6 +76,18 @@ def test_a_readme_that_disagrees_is_found(tmp_path):
     readme.write_text('nothing')
     with pytest.raises(ValueError, match='no line'):
         write_readme(readme, content)
+
+
+def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path):
+    assert measured_version(tmp_path) == ''
+    file = tmp_path / 'code.py'
+    file.write_text('x = 1')
+    for words in (['init', '-q'], ['add', '.'], ['-c', 'user.name=a', '-c', 'user.email=a@b', 'commit', '-qm', 'one']):
+        subprocess.run(['git', *words], cwd=tmp_path, check=True)
+    version = measured_version(tmp_path)
+    assert f'commit {version}.' in measured_table({'version': version, 'experiments': {}})
+    file.write_text('x = 2')
+    assert measured_version(tmp_path) == f'{version}, changed'
 
 
 def test_sweeps_lead_to_scenarios_that_can_be_flown(tmp_path):

@@ -11,7 +11,7 @@ from pathlib import Path
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.comparison import format_rows, rows_of, write_json
-from av_evaluation.report.measured import write_readme
+from av_evaluation.report.measured import measured_version, write_readme
 from av_evaluation.runs.program import add_run_options, compute, run_program
 
 SEEDS = 5
@@ -35,7 +35,7 @@ def report(options: argparse.Namespace) -> int:
     runs = {name: group for name, group in runs.items() if group}
     given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
     command, metrics = f'make report{given}', metrics_by_experiment(runs)
-    content = {'command': command, 'experiments': metrics}
+    content = {'command': command, 'version': measured_version(Path.cwd()), 'experiments': metrics}
     write_json(options.out / 'metrics.json', content)
     make_page(runs, command, options.quick, methods).write(options.out / 'report.html')
     print(format_rows(*rows_of(metrics['all'])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -22,8 +23,20 @@ EXPERIMENTS = {
 }
 
 
+def measured_version(folder: Path) -> str:
+    """The commit of a working tree with its date, and `changed` where files differ from it; empty outside of git.
+
+    Parameters:
+        folder: in the tree.
+    """
+    def git(*words: str) -> str:
+        return subprocess.run(['git', '-C', str(folder), *words], capture_output=True, text=True, check=False).stdout.strip()
+    commit = git('log', '-1', '--format=%h of %cs')
+    return f'{commit}{", changed" if git("status", "--porcelain", "--untracked-files=no") else ""}' if commit else ''
+
+
 def measured_table(content: Mapping) -> str:
-    """The table of the README for the content of metrics.json, as Markdown."""
+    """The table of the README for the content of metrics.json and the version that was measured, as Markdown."""
     lines = ['| experiment | sound alone | sight alone (coverage) | fused | published gate | published: sound, sight, fused |',
              '|---|---|---|---|---|---|']
     for name, (title, published) in EXPERIMENTS.items():
@@ -32,6 +45,8 @@ def measured_table(content: Mapping) -> str:
             cells = [_rmse(figures['sound']), _both(figures['sight']), f'{_rmse(figures["fused"])}{_worse(figures)}',
                      _rmse(figures['gated']), ', '.join(PUBLISHED[published][1:]) if published else '–']
             lines.append(f'| {title} | {" | ".join(cells)} |')
+    if content.get('version'):
+        lines += ['', f'Measured with commit {content["version"]}.']
     return '\n'.join(lines)
 
 
