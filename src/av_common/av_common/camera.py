@@ -17,7 +17,9 @@ DISTORTION_LENGTHS, EQUIDISTANT_LENGTHS = (0, 4, 5, 8, 12, 14), (0, 4)
 PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 # OpenCV 4 has a separate function for a given precision, OpenCV 5 an argument.
 UNDISTORT: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
-ANGLES = np.linspace(0.0, math.pi, 4097)  # off the axis of a fisheye lens (rad); between these the error is below 1e-7 rad
+ANGLES = np.linspace(0.0, math.pi, 4097)  # off the axis (rad); of a fisheye lens the error between these is below 1e-7 rad
+HALF = len(ANGLES) // 2                   # of them are below a right angle
+UNDONE = 0.1  # pixels by which the projection of a ray may miss its pixel
 _SIZE, _FOCAL, _CENTRE = (1, 100_000), (1e-3, 1e7), (-1e6, 1e6)
 _LIMITS: dict[str, tuple[float, float]] = {
     'width': _SIZE, 'height': _SIZE, 'fx': _FOCAL, 'fy': _FOCAL, 'cx': _CENTRE, 'cy': _CENTRE}
@@ -123,12 +125,20 @@ class PinholeCamera:
 
     @cached_property
     def _bends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Of a fisheye lens: increasing distances from the principal point (focal lengths), and angles off the axis (rad)."""
-        squared = ANGLES**2
-        distances = ANGLES * (1.0 + squared * np.polynomial.polynomial.polyval(squared, self.distortion or (0.0,)))
-        falls = np.diff(distances) <= 0.0  # beyond, the polynomial says nothing about the lens
-        end = int(falls.argmax()) + 1 if falls.any() else len(ANGLES)
-        return distances[:end], ANGLES[:end]
+        """Increasing distances from the principal point (focal lengths, no tangential distortion), and angles (rad) off it.
+
+        They end where the distances fall: the polynomial says nothing about the lens beyond.
+        """
+        polyval, k = np.polynomial.polynomial.polyval, np.zeros(14)
+        k[:len(self.distortion)] = self.distortion
+        if self.equidistant:
+            angles, distances = ANGLES, ANGLES * polyval(ANGLES**2, [1.0, *k[:4]])
+        else:
+            angles, plane = ANGLES[:HALF], np.tan(ANGLES[:HALF])
+            distances = plane * polyval(plane**2, [1.0, k[0], k[1], k[4]]) / polyval(plane**2, [1.0, *k[5:8]])
+        falls = np.diff(distances) <= 0.0
+        end = int(falls.argmax()) + 1 if falls.any() else len(angles)
+        return distances[:end], angles[:end]
 
     @cached_property
     def _edges_rad(self) -> tuple[float, float, float, float]:
@@ -136,7 +146,7 @@ class PinholeCamera:
         column, row = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
         x, y, z = self.rays([(-0.5, row), (self.width - 0.5, row), (column, -0.5), (column, self.height - 0.5)]).T
         angles = np.concatenate([np.arctan2(x, z)[:2], np.arctan2(y, np.hypot(x, z))[2:]])
-        if self.equidistant:  # the picture is round, and may end before the image does
+        if self.distortion or self.equidistant:  # the picture is round, and may end before the image does
             angles = np.where(np.isnan(angles), self._bends[1][-1] * np.array([-1.0, 1.0, -1.0, 1.0]), angles)
         left, right, upper, lower = angles.tolist()
         return left, right, upper, lower
@@ -198,10 +208,10 @@ class PinholeCamera:
                        cx=(self.cx + 0.5) * across - 0.5, cy=(self.cy + 0.5) * down - 0.5)
 
     def project(self, points_optical: ArrayLike) -> NDArray[np.float64]:
-        """Pixels (n, 2) of points (n, 3) in metres; nan for those beside the lens: of a pinhole, at or behind it."""
+        """Pixels (n, 2) of points (n, 3) in metres; nan beside the lens (a pinhole: at or behind it) or its model."""
         points = np.asarray(points_optical, float).reshape(-1, 3)
+        across = np.hypot(points[:, 0], points[:, 1])
         if self.equidistant:
-            across = np.hypot(points[:, 0], points[:, 1])
             distances, angles = self._bends
             reach = np.interp(np.arctan2(across, points[:, 2]), angles, distances, right=math.nan)
             plane = points[:, :2] * (reach / np.where(across > 0.0, across, 1.0))[:, None]
@@ -211,13 +221,15 @@ class PinholeCamera:
         if not self.distortion:  # in a third of the time
             with np.errstate(over='ignore'):
                 pixels[ahead] = points[ahead, :2] / points[ahead, 2:] * (self.fx, self.fy) + (self.cx, self.cy)
-        elif ahead.any():
+            return pixels
+        ahead &= np.arctan2(across, points[:, 2]) <= self._bends[1][-1]
+        if ahead.any():
             zero = np.zeros(3)
             pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, self._coefficients)[0][:, 0]
         return pixels
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2); nan where a fisheye shows nothing."""
+        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2); nan beyond the model of the lens."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         plane = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         if self.equidistant:
@@ -227,4 +239,6 @@ class PinholeCamera:
         if len(pixels) and self.distortion:
             plane = UNDISTORT(pixels[:, None], self.matrix, self._coefficients, R=None, P=None, criteria=PRECISE)[:, 0]
         rays = np.column_stack([plane, np.ones(len(plane))])
+        if len(pixels) and self.distortion:
+            rays[~(np.abs(self.project(rays) - pixels) <= UNDONE).all(axis=1)] = math.nan
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)

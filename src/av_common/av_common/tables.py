@@ -27,7 +27,8 @@ def read_table(path: str | Path, columns: Sequence[str], optional: Sequence[str]
         columns: names of the columns.
         optional: those of them that may be empty.
 
-    Raises OSError, or ValueError with the file, the line, its value and what is expected.
+    Raises OSError, or ValueError with the file, the line, its value and what is expected; no line may have more fields than
+    the first.
     """
     lines = [(number, line) for number, line in enumerate(read_text(path, MOST_BYTES).splitlines(), 1)
              if line.strip(' \t,;') and not line.lower().startswith('sep=')]
@@ -42,6 +43,8 @@ def read_table(path: str | Path, columns: Sequence[str], optional: Sequence[str]
     rows = []
     for number, line in lines[1:]:
         fields = _fields(line, separator)
+        if any(fields[len(names):]):    # decimal commas between commas
+            raise ValueError(f'{path}, line {number}: {shown(one_line(line))} has more fields than the first line')
         values = [fields[place] if place < len(fields) else '' for place in places]
         try:
             rows.append([_number(value, separator, column in optional) for value, column in zip(values, columns, strict=True)])

@@ -103,6 +103,29 @@ def test_a_fisheye_lens_sees_beyond_a_right_angle_and_ends_where_its_polynomial_
     assert ends.horizontal_fov_rad == pytest.approx(2.0 * far, abs=0.01)
 
 
+@pytest.mark.parametrize('distortion', [(-0.35, 0.0, 0.0, 0.0), (-0.45, 0.3, 0.0, 0.0, -0.1), (-0.2, -0.03, 0.001, -0.0005)])
+def test_a_polynomial_that_falls_gives_no_direction_beyond(distortion):
+    """The rays of a wide lens that is calibrated as plumb_bob are right or none, and nothing beyond appears in the image."""
+    camera = PinholeCamera(1280, 720, 430.0, 435.0, 640.0, 360.0, distortion)
+    k1, k2, k3 = distortion[0], distortion[1], distortion[4] if len(distortion) > 4 else 0.0
+    radii = np.sqrt([root.real for root in np.roots([7 * k3, 5 * k2, 3 * k1, 1]) if root.real > 0.0 == abs(root.imag)])
+    far = np.arctan(radii.min())    # the derivative of r + k1 r^3 + k2 r^5 + k3 r^7 is 0
+    angles = np.linspace(0.02, 1.5, 75)
+    points = np.column_stack([np.sin(angles), 0.3 * np.sin(angles), np.hypot(1.0, 0.3) * np.cos(angles)])
+    seen = camera.project(points)
+    assert (np.isfinite(seen[:, 0]) == (angles < far)).all()
+    rays = camera.rays(seen[angles < 0.95 * far])
+    assert rays == pytest.approx((points / np.hypot(1.0, 0.3))[angles < 0.95 * far], abs=1e-3)
+    x, y = np.meshgrid(np.arange(0.0, 1280.0, 40.0), np.arange(0.0, 720.0, 40.0))
+    pixels = np.stack([x, y], -1).reshape(-1, 2)
+    found = camera.rays(pixels)
+    known = np.isfinite(found[:, 0])
+    assert 0 < np.count_nonzero(known) < len(pixels)
+    assert camera.project(found[known]) == pytest.approx(pixels[known], abs=0.1)
+    assert np.arccos(found[known, 2]).max() < far
+    assert camera.horizontal_fov_rad == pytest.approx(2.0 * far, abs=0.01)
+
+
 @pytest.mark.parametrize('changes', [{}, {'roi': (700, 40, 500, 300)}, {'binning_x': 2, 'binning_y': 2},
                                      {**FISHEYE, 'roi': (280, 500, 700, 400)}])
 def test_the_field_of_view_is_that_of_the_image(changes):

@@ -95,8 +95,6 @@ def pixel_of(vector: ArrayLike, rotation: NDArray[np.float64], camera: PinholeCa
         rotation (3, 3): from the optical frame to that of the direction.
         camera: intrinsics.
     """
-    seen = rotation.T @ np.asarray(vector, float)
-    pixel = camera.project(seen[None])[0]
+    pixel = camera.project((rotation.T @ np.asarray(vector, float))[None])[0]
     inside = np.all(pixel >= -0.5) and np.all(pixel <= (camera.width - 0.5, camera.height - 0.5))
-    # Distortion folds what is far outside back into the image.
-    return pixel if inside and camera.rays(pixel[None])[0] @ seen > 0.999 else None
+    return pixel if inside else None
