@@ -31,6 +31,7 @@ from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
 from av_common.files import one_line
 
 FOREVER = 2**63 - 1
+NO_FIELD = 'structure_needs_at_least_one_member'    # that of a definition without fields, in rosbags and ROS
 # Fields that releases added to the rig's messages; bags without them are read (`converters`), and their values are unknown.
 ADDED_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
                           'Track.identity_probability', 'Track.fundamental'})
@@ -322,8 +323,8 @@ def _usable(kind: str, text: MessageDefinition) -> MessageDefinition | None:
     if text.format == MessageDefinitionFormat.NONE or not usable.data.strip():
         return None
     try:
-        parse(kind, usable)
+        _, fields = parse(kind, usable)[kind]
     except Exception:  # noqa: BLE001  rosbags raises any type
         return None
-    return usable
+    return usable if any(name != NO_FIELD for name, _ in fields) else None    # else comments only
 

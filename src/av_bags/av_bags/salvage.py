@@ -97,7 +97,8 @@ class _Copy:
     def announce(self, record: Schema | Channel) -> None:
         """Add a schema or channel."""
         if isinstance(record, Schema) and record.id not in self._schemas:
-            self._schemas[record.id] = self.out.register_schema(record.name, record.encoding, record.data)
+            text = record.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
+            self._schemas[record.id] = self.out.register_schema(record.name, record.encoding, text)
         elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
             self._channels[record.id] = self.out.register_channel(
                 record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata)

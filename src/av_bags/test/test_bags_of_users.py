@@ -129,6 +129,9 @@ SCHEMAS = {
     'of Windows': lambda kind: full(kind).replace('\n', '\r\n').encode(),
     'with a mark': lambda kind: b'\xef\xbb\xbf' + full(kind).encode(),
     'damaged': lambda kind: b'float64[ x y\n' + full(kind).encode(),
+    'a comment': lambda kind: b'# no definition\n',
+    'with a comment in Latin-1': lambda kind: b'# 20 \xb0C, 3 \xb5s\n' + full(kind).encode(),
+    'of UTF-16': lambda kind: full(kind).encode('utf-16'),
 }
 
 
