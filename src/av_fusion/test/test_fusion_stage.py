@@ -193,6 +193,24 @@ def test_only_detections_of_target_classes_count():
     assert [detection.score for detection in recorder.camera[0].detections] == [0.9, 0.7]
 
 
+@pytest.mark.parametrize(('jitter', 'names', 'copies'), [(0.0, ['drone'], 1), (1.0, ['drone'], 1), (4.0, ['drone', 'kite'], 3)])
+def test_one_object_twice_in_an_image_is_one_target(jitter, names, copies):
+    """Of a detector of another package that does not suppress duplicates; a second object beside it stays one."""
+    recorder, rng, states = Recorder(), np.random.default_rng(4), []
+    stage = make_stage(recorder, target_classes=names)
+    stage.on_camera_info(camera_info())
+    for k in range(40):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        boxes = [(250.0 + (c > 0) * jitter * rng.uniform(-1.0, 1.0), 0.9 - 0.1 * c, names[c % len(names)])
+                 for c in range(copies + 1)]
+        if k >= 20:
+            boxes.append((300.0, 0.8, names[0]))
+        states.append(stage.on_detections(detections(now - 0.05, *boxes), now).bearing.state)
+    assert [len(image.detections) for image in recorder.camera] == [1] * 20 + [2] * 20
+    assert set(states[2:]) == {Bearing.STATE_VISUAL_ACTIVE}
+
+
 def test_frames_and_cameras_that_are_unknown_are_left_out():
     recorder = Recorder()
     stage = make_stage(recorder)

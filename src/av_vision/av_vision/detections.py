@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+NMS_IOU, NMS_NESTED = 0.5, 0.6    # largest intersection over union of two objects, and share of the smaller one in the other
+
 
 class Boxes:
     """Boxes (n, 4) as x1, y1, x2, y2 in pixels of the image."""

@@ -14,9 +14,11 @@ from av_common.stamps import to_seconds
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body, image_in_body
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
 from av_interfaces.msg import DoaArray
+from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
 
 # From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
+MOST_BOXES = 200    # of an image: four times as many as detector_node reports
 NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
 
 
@@ -93,5 +95,20 @@ class MeasurementConverter:
                 boxes.append((box.center.position.x, box.center.position.y, box.size_x, box.size_y, max(scores)))
         if not boxes:  # most images of a search
             return ()
-        table = np.array(boxes)
+        table = objects(np.array(boxes))
         return tuple(detections_in_body(camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))
+
+
+def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rows of boxes (n, 5) of one image, each of another object: a detector may report one twice, or as two classes.
+
+    Parameters:
+        boxes (n, 5): centre and size in pixels, score.
+    """
+    boxes = boxes[np.isfinite(boxes).all(axis=1)]
+    if len(boxes) < 2:
+        return boxes
+    boxes = boxes[np.argsort(-boxes[:, 4], kind='stable')[:MOST_BOXES]]
+    half = 0.5 * np.maximum(boxes[:, 2:4], 1.0)
+    corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+    return boxes[suppress(corners, boxes[:, 4], NMS_IOU, NMS_NESTED)]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.detections import Candidates, Detections, suppress
+from av_vision.detections import NMS_IOU, NMS_NESTED, Candidates, Detections, suppress
 from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
@@ -43,8 +43,8 @@ class DetectorSettings:
     """
 
     score_threshold: float = 0.0
-    nms_iou: float = 0.5
-    nms_nested: float = 0.6
+    nms_iou: float = NMS_IOU
+    nms_nested: float = NMS_NESTED
     max_detections: int = 50
     keep: tuple[str, ...] = ()
     rename: dict[str, str] = field(default_factory=dict)
