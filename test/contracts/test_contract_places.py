@@ -138,6 +138,7 @@ def test_a_recorded_drone_between_measured_ears(contract, tmp_path, head):
     stage = hearing(ears)
     errors = [strongest(message, truth(to_seconds(message.header.stamp) - START))[0] for frame in frames(sound, rate=rate)
               for message in stage.on_audio(frame, to_seconds(frame.header.stamp))]
+    assert not stage.faults
     rig = listen(ears, sound, FormulaRig([Source(lambda t: unit(truth(t)))], sound=never, sight=never), rate)
     fused = np.abs(rig.errors(1.5, folded=True))
     most = 1.5 if head == 'by the formula' else 3.0

@@ -13,13 +13,13 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
-from av_audio.health import FULL_SCALE
 from av_audio.lost_phase import has_lost_phases
 from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
+FULL_SCALE = 0.999  # amplitude from which a sample is clipped
 # Windows in which more of the samples clip have no confidence.
 CLIPPED_SHARE = 0.01
 # A direction of less than this (q, a cosine) is that of no delay, which sound without phases has.

@@ -65,20 +65,31 @@ class SpacingCheck:
 
     def _judge(self, window: NDArray) -> None:
         spectra = fft.rfft(window * np.hanning(len(window))[:, None], axis=0)
-        cross = spectra[:, 0] * spectra[:, 1].conj()
         frequencies = fft.rfftfreq(len(window), 1.0 / self._rate)
-        used = (frequencies > BAND_HZ[0]) & (frequencies < BAND_HZ[1]) & (np.abs(cross) > 0.0)
-        if not used.any():
-            return
-        curve = fft.irfft(np.where(used, cross / np.maximum(np.abs(cross), np.finfo(float).tiny), 0.0), len(window))
-        reach = round(LONGEST_S * self._rate)
-        curve = np.concatenate([curve[-reach:], curve[:reach + 1]])
-        delays = np.abs(np.arange(-reach, reach + 1)) / self._rate
+        delays, curve, sigma = delay_curve(spectra[:, 0] * spectra[:, 1].conj(), frequencies, len(window), LONGEST_S)
+        delays = np.abs(delays)
         permitted = delays <= BODY * self._distance / self._speed + 1.0 / self._rate
         inside, outside = float(curve[permitted].max()), float(curve[~permitted].max(initial=0.0))
-        sigma = float(np.sqrt(2.0 * np.count_nonzero(used))) / len(window)    # of a sum of as many random phases
         if outside > max(CLEARER * inside, PEAK_SIGMAS * sigma):
             self._beyond.append(float(delays[~permitted][np.argmax(curve[~permitted])]))
         elif inside > PEAK_SIGMAS * sigma:
             self._within += 1
             self._longest = max(self._longest, float(delays[permitted][np.argmax(curve[permitted])]))
+
+
+def delay_curve(cross: NDArray, frequencies: NDArray, count: int, longest: float) -> tuple[NDArray, NDArray, float]:
+    """Generalised cross-correlation with phase transform in BAND_HZ: delays (n,) in s, heights (n,), and their sigma in noise.
+
+    Parameters:
+        cross (k,): cross-spectrum.
+        frequencies (k,) (Hz): of its bins.
+        count: samples of the window.
+        longest (s): delays that are looked at.
+    """
+    used = (frequencies > BAND_HZ[0]) & (frequencies < BAND_HZ[1]) & (np.abs(cross) > 0.0)
+    curve = fft.irfft(np.divide(cross, np.abs(cross), out=np.zeros(len(cross), complex), where=used), count)
+    rate = count * frequencies[1]
+    reach = round(longest * rate)
+    sigma = float(np.sqrt(2.0 * np.count_nonzero(used))) / count    # of a sum of as many random phases
+    lags = np.arange(-reach, reach + 1)
+    return lags / rate, curve[lags], sigma

@@ -12,7 +12,7 @@ from std_msgs.msg import Float32MultiArray
 from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
-from av_audio.health import SwapDetector
+from av_audio.health import ChannelFault, ChannelHealth, SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
 from av_audio.stream_gate import StreamGate
@@ -52,6 +52,7 @@ class DoaStage:
         self._localizer: Localizer | None = None
         self._classifier: DroneClassifier | None = None
         self._wind: WindMeter | None = None
+        self._health: ChannelHealth | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
@@ -65,6 +66,16 @@ class DoaStage:
     def foreign(self) -> int:
         """Number of frames that did not belong to the stream that is heard."""
         return self._gate.refused
+
+    @property
+    def faults(self) -> list[ChannelFault]:
+        """What is wrong with the channels."""
+        return [] if self._health is None else self._health.faults
+
+    @property
+    def levels_dbfs(self) -> NDArray:
+        """Levels (m,) of the channels."""
+        return np.full(self._array.channels, -np.inf) if self._health is None else self._health.levels_dbfs
 
     @property
     def wind_dbfs(self) -> float:
@@ -149,6 +160,7 @@ class DoaStage:
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
             self._classifier, self._wind = None, WindMeter(self._array, frame.sample_rate)
+            self._health = ChannelHealth(self._array.channels, frame.sample_rate, self._array)
             if self._drone_model is not None:
                 self._classifier = DroneClassifier(self._array, frame.sample_rate, speed_of_sound(self._settings.temperature_c),
                                                    self._drone_model, self._ego_noise)
@@ -158,14 +170,22 @@ class DoaStage:
         restarts = self._localizer.restarts - before
         self.without_phases += self._localizer.without_phases - without
         self.restarts += restarts
-        if self._classifier is not None and restarts:
-            self._classifier.clear()
+        self._listen(samples, restarts > 0)
+        return estimates
+
+    def _listen(self, samples: NDArray, begins: bool) -> None:
+        """Take samples (n, m), which may begin anew, for what is judged beside directions."""
+        if self._wind is None or self._health is None:
+            return
+        if begins:
+            self._health.clear()
+            if self._classifier is not None:
+                self._classifier.clear()
         if np.isfinite(samples).all():
+            self._wind.add(samples)
+            self._health.update(samples)
             if self._classifier is not None:
                 self._classifier.add(samples)
-            if self._wind is not None:
-                self._wind.add(samples)
-        return estimates
 
 
 def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:

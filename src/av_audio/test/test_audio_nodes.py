@@ -291,10 +291,11 @@ def test_a_missing_array_file_is_reported(rig):
     rig.wait_for_status('array_file is empty', DiagnosticStatus.ERROR)
 
 
-def test_faults_of_the_channels_are_reported(rig, tmp_path):
+def test_faults_of_the_channels_are_reported(rig, tmp_path, array_file):
     soundfile.write(tmp_path / 'mono.wav', sound(1.0)[:, [0, 0]], RATE)
     rig.add(AudioNode, file=str(tmp_path / 'mono.wav'), loop=True)
-    rig.wait_for_status('channels 0, 1 are identical', DiagnosticStatus.WARN)
+    rig.add(DoaNode, array_file=array_file)
+    rig.wait_for_status('channels 0, 1 are identical', DiagnosticStatus.ERROR)
 
 
 @pytest.mark.skipif(importlib.util.find_spec('audio_common_msgs') is not None, reason='audio_common_msgs is installed')

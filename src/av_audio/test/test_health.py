@@ -1,52 +1,116 @@
 """Faults made on purpose, one at a time."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from known_sound import RATE, flat
+from flying_rig import RING, coloured
+from known_sound import PAIR, RATE, SQUARE, add_noise, flat, rotors
 
 from av_audio.health import ChannelHealth, SwapDetector
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.microphone_array import MicrophoneArray
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
+
+C = speed_of_sound(20.0)
 
 
-def noise(level=0.1):
-    return level * np.random.default_rng(1).normal(size=(4800, 2)).astype(np.float32)
+SECONDS = 3.0
 
 
-@pytest.mark.parametrize('spoil, words', [
-    (lambda x: np.clip(30.0 * x, -1.0, 1.0), 'channel 0 clips'),
-    (lambda x: x * np.float32([1.0, 0.0]), 'channel 1 is dead'),
-    (lambda x: x * np.float32([1.0, 0.003]), 'channel 1 is 50 dB quieter'),
-    (lambda x: x + np.float32([0.0, 0.2]), 'channel 1 has a constant offset of +0.20'),
-    (lambda x: x[:, [0, 0]], 'channels 0, 1 are identical'),
-])
-def test_a_fault_is_named_until_it_is_mended(spoil, words):
-    health = ChannelHealth(2)
-    health.update(spoil(noise()))
-    assert any(words in problem for problem in health.problems())
-    health.update(noise())
-    assert health.problems() == []
+def hear(sound, array=PAIR, rate=RATE):
+    """The faults that are told of a sound (n, m) at any time."""
+    health, told = ChannelHealth(sound.shape[1], rate, array), set()
+    for block in np.array_split(sound.astype(np.float32), 60):
+        health.update(block)
+        told |= {fault.text for fault in health.faults}
+    return told
 
 
-def test_levels_are_those_of_the_channels():
-    health = ChannelHealth(2)
-    health.update(noise(0.1) * np.float32([1.0, 0.1]))
-    np.testing.assert_allclose(health.levels_dbfs(), [-20.0, -40.0], atol=0.5)
+def drone(array, azimuth=0.7, snr_db=15.0, seed=1, seconds=SECONDS):
+    """Rotors far away, and noise of each microphone."""
+    rng, delays = np.random.default_rng(seed), -array.positions @ angles_to_direction(azimuth, 0.2) / C
+    return add_noise(rng, rotors(rng, seconds, delays - delays.min()), snr_db) / 4.0
+
+
+def with_channel(sound, number, other):
+    return np.concatenate([sound[:, :number], other[:, None], sound[:, number + 1:]], axis=1)
+
+
+def late(sound, seconds):
+    return np.roll(sound, round(seconds * RATE))
+
+
+WHITE = np.random.default_rng(9).normal(size=round(SECONDS * RATE))
+FAULTS = {
+    'dead': (lambda x: 0.0 * x, 'is dead'), 'unplugged': (lambda x: 3e-4 * WHITE, 'hears nothing'),
+    'quiet': (lambda x: 0.12 * x, 'dB quieter'), 'inverted': (lambda x: -x, 'inverted'),
+    'late': (lambda x: late(x, 2.3e-3), 'is late by'), 'clipping': (lambda x: np.clip(2.0 * x, -0.16, 0.16), 'clips'),
+    'offset': (lambda x: x + 0.2, 'offset of +0.20')}
+
+
+@pytest.mark.parametrize('array', [PAIR, SQUARE, RING], ids=['pair', 'square', 'ring'])
+def test_a_fault_of_a_channel_is_named(array):
+    sound, number = drone(array, azimuth=-0.5), array.channels // 2
+    for name, (spoil, words) in FAULTS.items():
+        told = hear(with_channel(sound, number, spoil(sound[:, number])), array)
+        of_which = 'channel 0 or 1 ' if words == 'inverted' and array is PAIR else f'channel {number} '
+        assert told and all(words in text and of_which in text for text in told), (name, told)
+
+
+@pytest.mark.parametrize('gain', [1.0, 0.3])
+def test_one_microphone_in_two_channels_is_named(gain):
+    sound = drone(SQUARE)
+    copied = np.round(with_channel(sound, 3, gain * sound[:, 1]) * 2**15) / 2**15
+    assert hear(copied, SQUARE) == {'channels 1, 3 are identical: one microphone, not an array'}
+
+
+def test_a_fault_is_told_until_it_is_mended():
+    sound = drone(PAIR)
+    health = ChannelHealth(2, RATE, PAIR)
+    health.update(with_channel(sound, 1, -sound[:, 1]))
+    (fault,) = health.faults
+    assert fault.is_severe and fault.mend in str(fault)
+    health.update(drone(PAIR, seed=2))
+    assert not health.faults
+
+
+def healthy(array):
+    """Sounds (n, m) of microphones that are all right, by name."""
+    rng, count = np.random.default_rng(3), round(SECONDS * RATE)
+    hiss = 1e-4 * rng.normal(size=(count, array.channels))
+    wind = coloured(rng, hiss.shape, 7.0 / 6.0, 2.0)
+    wind *= 0.1 / wind.std()
+    one_side = wind * np.where(np.arange(array.channels) == 0, 1.0, 0.003)
+    distances = np.linalg.norm(array.positions - 0.3 * angles_to_direction(1.57, 0.0), axis=1)
+    near = rotors(rng, SECONDS, distances / C) / distances
+    time = np.arange(count)[:, None] / RATE + array.positions @ angles_to_direction(1.5, 0.0) / C
+    return {
+        'end-fire': drone(array, 1.57), 'faint': drone(array, -1.2, -8.0), 'wind': wind + 0.1 * drone(array),
+        'wind at one': one_side + 0.1 * drone(array), 'wind at one alone': one_side + hiss, 'a quiet room': hiss,
+        'near one microphone': 0.05 * near / near.std() + hiss,
+        'tones': 0.05 * sum(np.sin(math.tau * k * 171.0 * time + k * k) / k for k in range(1, 30)) + hiss,
+        'a whistle': 0.2 * np.sin(math.tau * 1730.0 * time) + hiss,
+        'a loud tone': 0.99 * np.sin(math.tau * 211.0 * time) + hiss,
+        'unequal gains': drone(array, 2.5) * 10.0 ** (np.linspace(-3.0, 3.0, array.channels) / 20.0)}
+
+
+@pytest.mark.parametrize('array', [PAIR, RING], ids=['pair', 'ring'])
+def test_microphones_that_are_all_right_are_not_blamed(array):
+    assert {name: told for name, sound in healthy(array).items() if (told := hear(sound, array))} == {}
 
 
 def test_a_sudden_swap_is_noticed_and_a_moving_source_is_not():
-    pair = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
     sound = flat(np.random.default_rng(2), 4.0, np.array([0.0, 3e-4]))
     sound = sound / np.abs(sound).max()
     swapped = np.concatenate([sound[:RATE * 2], sound[RATE * 2:, ::-1]])
     for stream, expected in [(sound, 0), (swapped, 1)]:
         detector = SwapDetector()
-        localizer = Localizer(pair, RATE, LocalizerSettings(hop_s=0.1))
+        localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.1))
         assert sum(detector.update(estimate) for estimate in localizer.process(stream, 0)) == expected
     detector = SwapDetector()
-    localizer = Localizer(pair, RATE, LocalizerSettings(hop_s=0.5))
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.5))
     for k, delay in enumerate(np.linspace(-5e-4, 5e-4, 20)):
         window = flat(np.random.default_rng(k), 0.5, np.array([0.0, delay]))
         estimate, = localizer.process(window / np.abs(window).max(), localizer.next_sample)

@@ -75,7 +75,7 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         if noise is not None:
             noise = noise._replace(samples=noise.samples[:, pick_channels(noise.samples.shape[1], channels, noise.name)])
         localizer = Localizer(array, file.samplerate, settings, noise)
-        health = ChannelHealth(array.channels)
+        health = ChannelHealth(array.channels, file.samplerate, array)
         spacing = SpacingCheck(array, file.samplerate, speed_of_sound(settings.temperature_c))
         first_sample = 0
         for whole in blocks_of(file, max(1, file.samplerate // 20)):
@@ -98,7 +98,7 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         lossy = (f'{localizer.without_phases} directions without confidence: a lossy code has removed the phases between the '
                  'channels; record wav or flac') if localizer.without_phases else ''
         gaps = f'restarted {localizer.restarts} times after samples that are not finite' if localizer.restarts else ''
-        for problem in filter(None, [cut, spacing.doubt(), *health.problems(), lossy, gaps]):
+        for problem in filter(None, [cut, spacing.doubt(), *map(str, health.faults), lossy, gaps]):
             print(f'{path}: {problem}', file=sys.stderr)
 
 

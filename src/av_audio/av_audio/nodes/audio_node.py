@@ -10,7 +10,6 @@ from std_msgs.msg import Header
 
 from av_audio.device_source import DeviceSource
 from av_audio.file_source import FileSource, pick_channels
-from av_audio.health import ChannelHealth
 from av_audio.messages import audio_frame
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
@@ -49,7 +48,6 @@ class AudioNode(RigNode):
 
     def _new_stream(self) -> None:
         self._buffer = RingBuffer(self._source.channels, max(BUFFER_BYTES, 2 * SAMPLE_BYTES * BLOCK * self._source.channels))
-        self._health = ChannelHealth(self._source.channels)
         self._playback = Playback(self.get_name())
         self._started = False
 
@@ -90,17 +88,15 @@ class AudioNode(RigNode):
             self._start_file(self._source)
         while self._buffer.available >= BLOCK or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(BLOCK)
-            self._health.update(samples)
             header = Header(stamp=to_stamp(self._source.time_of(first_sample)), frame_id=self._frame_id)
             self._publisher.publish(audio_frame(samples, first_sample, self._source.sample_rate, header))
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Levels, losses and faults of the channels."""
+        """Clock and losses; doa_node judges the channels."""
         source = self._source
         status.add('sample rate', f'{source.sample_rate} Hz')
-        status.add('level', ', '.join(f'{level:.1f}' for level in self._health.levels_dbfs()) + ' dBFS')
         status.add('overwritten samples', str(self._buffer.overwritten))
-        problems = self._health.problems()
+        problems = []
         if isinstance(source, DeviceSource):
             status.add('clock drift', f'{source.clock.ppm:+.1f} ppm')
             status.add('overflows', str(source.overflows))

@@ -94,7 +94,8 @@ class DoaNode(RigNode):
         status.add('sudden swaps of the channels', str(self._stage.swaps))
         status.add('directions without phases', str(self._stage.without_phases))
         if latest is not None:
-            status.add('level', f'{latest.level_dbfs:.1f} dBFS')
+            status.add('level', f'{latest.level_dbfs:.1f} dBFS; of the channels ' +
+                       ', '.join(f'{level:.1f}' for level in self._stage.levels_dbfs))
             status.add('sources', str(len(latest.sources)))
             status.add('wind', f'{self._stage.wind_dbfs:.0f} dBFS' if math.isfinite(self._stage.wind_dbfs) else 'none')
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
@@ -110,6 +111,8 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
         if self._stage.without_phases:
             status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
+        for fault in self._stage.faults:
+            status.mergeSummary(DiagnosticStatus.ERROR if fault.is_severe else DiagnosticStatus.WARN, str(fault))
         if self._stage.swaps:
             status.mergeSummary(DiagnosticStatus.WARN, 'the channels have changed places while running')
 

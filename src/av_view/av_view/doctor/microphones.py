@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from itertools import permutations
 
@@ -70,7 +69,8 @@ def resampled_from(samples: NDArray, rate: float) -> float | None:
     return None
 
 
-def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Sequence[float] = ()) -> list[Finding]:
+def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Sequence[float] = (),
+                array: MicrophoneArray | None = None) -> list[Finding]:
     """Judge a recording of the surroundings.
 
     Parameters:
@@ -78,11 +78,13 @@ def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Seque
         rate (Hz): the rate that was asked for.
         delivered (Hz): the rate at which samples came.
         hardware (Hz): rates of the captures of the system's drivers meanwhile; empty where it does not tell.
+        array: the microphones of the channels; None where they are not known.
     """
-    health = ChannelHealth(samples.shape[1])
+    health = ChannelHealth(samples.shape[1], rate, array)
     health.update(samples)
-    levels = health.levels_dbfs()
-    found = [Finding(AREA, 'error', problem, _remedy(problem)) for problem in health.problems()]
+    with np.errstate(divide='ignore'):
+        levels = 20.0 * np.log10(samples.std(axis=0))
+    found = [Finding(AREA, 'error' if fault.is_severe else 'warning', fault.text, fault.mend) for fault in health.faults]
     if abs(delivered / rate - 1.0) > RATE_TOLERANCE:
         found.append(Finding(AREA, 'error', f'{delivered:.0f} samples a second come instead of {rate:.0f}',
                              'set sample_rate of audio_node to what the device supports; connect it without a hub'))
@@ -158,11 +160,3 @@ def _arrivals(clap: NDArray, rate: float) -> NDArray:
 def _misfit(arrivals: NDArray, expected: NDArray) -> float:
     """Root mean square difference in s, whenever the clap began."""
     return float(np.std(arrivals - expected))
-
-
-def _remedy(problem: str) -> str:
-    if re.search('identical', problem):
-        return 'choose other channels of audio_node; `ros2 run av_view doctor --only devices` shows what there is'
-    if re.search('clips', problem):
-        return 'lower the gain: alsamixer'
-    return 'look at the plug and the gain of this channel: alsamixer'

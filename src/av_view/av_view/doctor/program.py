@@ -115,9 +115,10 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.clock.ppm)
-    found = judge_sound(samples, settings.sample_rate, delivered, hardware)
-    if clap is not None and rig is not None and rig.array.geometry.channels == len(channels):
-        found.append(judge_clap(samples, settings.sample_rate, rig.array.geometry, clap))
+    array = rig.array.geometry if rig is not None and rig.array.geometry.channels == len(channels) else None
+    found = judge_sound(samples, settings.sample_rate, delivered, hardware, array)
+    if clap is not None and array is not None:
+        found.append(judge_clap(samples, settings.sample_rate, array, clap))
     return found
 
 
