@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path, PurePath
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from av_bags.decompression import expand
@@ -40,10 +40,16 @@ class Parts:
         if not path.exists():
             raise BagError(f'{path}: no such bag')
         self.files = self._of_folder() if path.is_dir() else [path]
-        for file in self.files:
+        for file in list(self.files):
             check_file(file)
-            if file.suffix != COMPRESSED:
-                _check_kind(file)
+            try:
+                if file.suffix != COMPRESSED:
+                    _check_kind(file)
+            except BagError as error:
+                if len(self.files) == 1:
+                    raise
+                self.files.remove(file)    # such as one that was empty when the disk was full; the others are good
+                self.lost.append(str(error))
 
     def expanded(self, folder: Callable[[], Path]) -> list[Path]:
         """The files, those that are compressed as copies in new folders that `folder` makes. Raises ValueError or OSError."""
@@ -88,7 +94,8 @@ class Parts:
         try:
             content: Any = load_yaml(metadata)['rosbag2_bagfile_information']
             self.by_message = str(content.get('compression_mode') or '').lower() == 'message'
-            return [PurePath(str(name)).name for name in content['relative_file_paths']]
+            # of Windows, too
+            return list(dict.fromkeys(PureWindowsPath(str(name)).name for name in content['relative_file_paths']))
         except (ValueError, OSError, KeyError, TypeError, AttributeError) as error:
             self.by_message = False
             self.notes.append(f'metadata.yaml cannot be read ({one_line(error)}): all files of the folder are read')

@@ -78,7 +78,7 @@ class Bag(AbstractContextManager['Bag']):
         self._opened = ExitStack()
         try:
             parts = Parts(self.path)
-            self._readers = [self._open(file) for file in parts.expanded(self._new_folder)]
+            self._readers = self._opened_files(parts.expanded(self._new_folder))
         except BaseException as error:
             self._opened.close()
             if isinstance(error, BagError) or not isinstance(error, Exception):
@@ -269,6 +269,18 @@ class Bag(AbstractContextManager['Bag']):
         copies = copy_in_order(records, self._new_folder() / f'{path.stem}.mcap', MOST_STEPS)
         self._problems.update(dict.fromkeys(problems))
         return [self._opened_reader(copy) for copy in copies]
+
+    def _opened_files(self, files: list[Path]) -> list[Reader]:
+        """Those of the files that can be opened. Raises what the last one raises where none can."""
+        readers = []
+        for file in files:
+            try:
+                readers.append(self._open(file))
+            except Exception as error:
+                if file == files[-1] and not readers:
+                    raise
+                self._problems[f'{file} cannot be read: {one_line(error)}'] = None
+        return readers
 
     def _open(self, path: Path) -> Reader:
         """Open a file, or the salvaged copy of a damaged mcap file."""

@@ -108,6 +108,31 @@ def test_what_metadata_list_in_vain_is_named(tmp_path):
         assert len(list(bag.messages())) == 150 and 'metadata.yaml cannot be read' in bag.notes[0]
 
 
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('content', [b'', b'\0' * 5000, None], ids=['empty', 'zeros', 'cut off'])
+@pytest.mark.parametrize('bad', [0, 1])
+def test_one_bad_file_costs_only_its_own_messages(tmp_path, storage, content, bad):
+    rows = recorded()
+    parts = [rows[:150], rows[150:]]
+    path = folder_of(tmp_path / 'bag', parts, storage, listed=[0, 1])
+    file = sorted(path.glob('bag_*'))[bad]
+    file.write_bytes(file.read_bytes()[:20] if content is None else content)
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(parts[1 - bad])
+        assert [problem for problem in bag.problems if file.name in problem]
+
+
+def test_names_in_metadata_may_be_given_twice_and_of_another_system(tmp_path):
+    rows = recorded()
+    path = folder_of(tmp_path / 'bag', [rows[:150], rows[150:]], listed=[0, 1, 1])
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows)
+    metadata = path / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('bag_1', 'C:\\flights\\bag_1').replace('bag_0', '/home/me/bag_0'))
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows) and not bag.notes and not bag.problems
+
+
 def test_a_repaired_copy_does_not_double_a_folder_without_metadata(tmp_path):
     rows = recorded()
     path = folder_of(tmp_path / 'bag', [rows, rows[20:300]])
