@@ -103,6 +103,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         named = name == 'model' and not Path(arguments[name]).suffix  # a detector of a package
         if arguments[name] and not named and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
+    check_source(arguments)
     described = described_rig(arguments)
     arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
@@ -124,6 +125,15 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     supervision = Supervision(essential, [*page, *optional], monitor[0] if monitor else None, duration, bool(arguments['out']))
     rest = [*essential, *monitor, *optional]
     return [*supervision.entities(), *page, *([TimerAction(period=PAGE_START_S, actions=rest)] if page else rest), *notes]
+
+
+def check_source(arguments: Arguments) -> None:
+    """Raise ValueError for an argument of another source than the one given: its description begins with its own."""
+    for name, (default, text, _) in ARGUMENTS.items():
+        sources = text.partition(': ')[0]
+        if sources.startswith('source:=') and arguments[name] != default and \
+                arguments['source'] not in sources.removeprefix('source:=').split(' or '):
+            raise ValueError(f"{name}:={arguments[name]} needs {sources}, and source is {arguments['source']}")
 
 
 def described_rig(arguments: Arguments) -> str:

@@ -79,6 +79,14 @@ def test_a_misspelt_scenario_is_named_with_the_nearest(launch_file, scenario, ne
     assert f'{scenario}: no such file, the nearest is {nearest}' in refused(f'scenario:={scenario}', launch_file=launch_file)
 
 
+@pytest.mark.parametrize(('launch_file', 'argument', 'words'), [
+    ('rig.launch.py', 'namspace:=left', 'namspace:= is no argument of rig.launch.py, the nearest is namespace:='),
+    ('network.launch.py', 'rig:=3', 'rig:= is no argument of network.launch.py, the nearest is rigs:='),
+    ('rig.launch.py', f'audio:={__file__}', 'needs source:=file, and source is sim')])
+def test_an_argument_without_effect_stops_the_launch(launch_file, argument, words):
+    assert words in refused(argument, launch_file=launch_file)
+
+
 def test_a_scenario_with_a_misspelt_key_is_named(tmp_path):
     file = tmp_path / 'mine.yaml'
     text = (Path(__file__).resolve().parents[1] / 'config/scenarios/circle.yaml').read_text()

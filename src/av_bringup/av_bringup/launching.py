@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -38,6 +39,7 @@ from launch_ros.actions import Node
 from av_bringup import guard
 from av_bringup.security.keystore import check_enclave
 from av_bringup.supervision import RESPAWN
+from av_common.files import nearest
 from av_common.launched import RUN_FOLDER
 from av_common.parameters import check_parameter_file
 from av_common.rig import load_rig
@@ -99,9 +101,7 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
         start: function from the values of the arguments to the processes and event handlers
     """
     def begin(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        for old, new in RENAMED_ARGUMENTS.items():
-            if old in context.launch_configurations:
-                raise ValueError(f'{old}:= is now named {new}:=')
+        check_names(context, declarations)
         arguments = {name: at_home(context.launch_configurations[name]) for name in declarations}
         folder = mkdtemp(prefix='av_rig_')
         try:
@@ -118,6 +118,23 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
+
+
+def check_names(context: LaunchContext, declarations: Declarations) -> None:
+    """Raise ValueError for an argument that this launch file does not have, which launch would ignore.
+
+    The command line is only checked where it names this file: a launch file of others, which includes it, has arguments of its
+    own.
+    """
+    for old, new in RENAMED_ARGUMENTS.items():
+        if old in context.launch_configurations:
+            raise ValueError(f'{old}:= is now named {new}:=')
+    file = Path(context.locals.current_launch_file_path)
+    named = any(Path(word).name == file.name and (Path(word).resolve() == file.resolve() or package == file.parent.parent.name)
+                for package, word in pairwise(sys.argv))
+    for name in (word.partition(':=')[0] for word in context.argv if ':=' in word):
+        if named and name not in declarations:
+            raise ValueError(f'{name}:= is no argument of {file.name}, the nearest is {nearest(name, declarations)}:=')
 
 
 class LaunchedNode(Node):
