@@ -68,7 +68,7 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
 
 def test_the_simulated_drone_emits_a_recording(tmp_path):
     """A recording at 44.1 kHz as the drone's signal: resampled, propagated, received and followed."""
-    rig = RigProcess('scenario:=circle', 'oracle:=true', f'drone_recording:={CLIPS}/audio/DRONE_001.flac', 'duration:=20',
+    rig = RigProcess('scenario:=circle', 'oracle:=true', f'drone_recording:={CLIPS}/audio/DRONE_001.flac', 'duration:=12',
                      f'out:={tmp_path}', f'port_offset:={free_offset()}')
     assert rig.finish() == 0, rig.output
     assert not rig.leftovers()

@@ -154,10 +154,10 @@ def test_the_tutorial(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     commands = re.findall(r'^ros2 launch av_fusion rig.launch.py (namespace:=.*?) *(?:#.*)?$', text, re.MULTILINE)
     assert len(commands) == 2
-    begin, rigs = str(time.time() + 15.0), []
+    begin, rigs = str(time.time() + 10.0), []
     for command in commands:
         arguments = [word.replace('$begin', begin) for word in command.split() if not word.startswith('port_offset')]
-        rigs.append(RigProcess(*arguments, f'port_offset:={free_offset()}', 'oracle:=true', 'duration:=40',
+        rigs.append(RigProcess(*arguments, f'port_offset:={free_offset()}', 'oracle:=true', 'duration:=20',
                                domain=rigs[0].domain if rigs else None))
     for rig in rigs:
         assert rig.finish() == 0, rig.output

@@ -27,7 +27,7 @@ def test_a_simulator_on_another_host_is_obeyed_and_a_stranger_is_not():
     ports = Ports().shifted(offset)
     with two_hosts() as (near, far):
         rig = near.run(lambda: RigProcess(
-            'source:=udp', 'oracle:=true', 'enable_pointing:=true', 'duration:=40', f'port_offset:={offset}',
+            'source:=udp', 'oracle:=true', 'enable_pointing:=true', 'duration:=25', f'port_offset:={offset}',
             f'bind_address:={RIG}', f'allowed_senders:={OTHER}', f'control_host:={OTHER}'))
         simulator = far.run(lambda: subprocess.Popen(
             [sys.executable, '-m', 'av_simulator.cli.simulator', 'behind_in_fog', '--host', RIG, '--bind-address', OTHER,

@@ -58,6 +58,7 @@ def test_the_page_shows_and_controls_a_live_rig(tmp_path):
             assert browser.wait_for(SHOWN, 90.0), rig.output
             it_moves(browser)
             it_agrees_with_the_topics(browser, listener)
+            without_the_token_it_is_read_only(address, listener)
             it_controls_with_the_token(browser, listener)
             it_records(browser, tmp_path / 'bags')
             a_stalled_viewer_does_no_harm(browser)
@@ -65,21 +66,6 @@ def test_the_page_shows_and_controls_a_live_rig(tmp_path):
             assert asked == {f'127.0.0.1:{PORT}'}, browser.requests
             assert browser.value('$("health").children.length') >= 5
             it_comes_back_after_a_restart(browser, rig, tmp_path)
-    finally:
-        listener.close()
-
-
-def test_without_the_token_the_page_is_read_only(tmp_path):
-    rig, address = start(tmp_path, 'enable_pointing:=false')
-    listener = RigListener(rig.domain)
-    try:
-        with Browser(find_browser(), width=390) as browser:  # a phone
-            browser.open(address.partition('#')[0])
-            assert browser.wait_for(SHOWN, 90.0), rig.output
-            assert browser.wait_for('nodes.length >= 5') and browser.value('$("enable").hidden && $("stop-bar").hidden')
-            assert browser.value('document.documentElement.scrollWidth') <= 390
-            assert 'token' in browser.value('request("enable", { value: true }).then(answer => answer.words)')
-            assert listener.wait_for(lambda: listener.values.get('pointing_node', {}).get('enabled') == 'False')
     finally:
         listener.close()
 
@@ -142,6 +128,17 @@ def it_agrees_with_the_topics(browser, listener):
     x, y, drawn = browser.value(f'[{line}("x2")), {line}("y2")), state.bearing.azimuth]')
     assert math.degrees(math.atan2(-x, -y)) == pytest.approx(drawn, abs=0.1)  # counter-clockwise from the top
     assert browser.value('$("polar").querySelector(".true") !== null')
+
+
+def without_the_token_it_is_read_only(address, listener):
+    """On a phone."""
+    with Browser(find_browser(), width=390) as browser:
+        browser.open(address.partition('#')[0])
+        assert browser.wait_for(SHOWN)
+        assert browser.wait_for('nodes.length >= 5') and browser.value('$("enable").hidden && $("stop-bar").hidden')
+        assert browser.value('document.documentElement.scrollWidth') <= 390
+        assert 'token' in browser.value('request("enable", { value: true }).then(answer => answer.words)')
+    assert listener.wait_for(lambda: listener.values.get('pointing_node', {}).get('enabled') == 'False')
 
 
 def it_controls_with_the_token(browser, listener):

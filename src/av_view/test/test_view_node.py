@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import socket
 import subprocess
@@ -115,7 +116,9 @@ class Rig:
         self.view.destroy_node()
         self.node.destroy_node()
         self.fusion.destroy_node()
+        self.executor.shutdown()
         rclpy.try_shutdown()
+        gc.collect()    # what is left of it would stay on the graph of the next test
 
 
 @pytest.fixture
