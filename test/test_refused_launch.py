@@ -5,6 +5,7 @@ One mistake of each launch file goes through `ros2 launch`; the others are found
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,13 +25,16 @@ PARAMETERS = '/**/pointing_node: {ros__parameters: {yaw_raet_deg: 5.0}}\n'
 
 
 @pytest.fixture
-def refused(launch_file, network_file):
+def refused(launch_file, network_file, monkeypatch):
     """What a launch with some arguments is refused with, before a process is started."""
     def refused(*arguments, network=False):
-        context = LaunchContext()
+        launched = network_file if network else launch_file
+        monkeypatch.setattr(sys, 'argv', ['launch', launched.__file__, *arguments])
+        context = LaunchContext(argv=list(arguments))
+        context.extend_locals({'current_launch_file_path': launched.__file__})
         context.launch_configurations.update(argument.split(':=') for argument in arguments)
         with pytest.raises(Exception) as refusal:
-            for entity in (network_file if network else launch_file).generate_launch_description().entities:
+            for entity in launched.generate_launch_description().entities:
                 entity.execute(context)
         return str(refusal.value)
     return refused
