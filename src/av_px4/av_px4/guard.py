@@ -130,7 +130,7 @@ class BodyGuard:
         stalled = (self._time is not None and time - self._time > STALL) or inputs.attitude_age > STALL
         self._time = time
         if inputs.status is not None:
-            self.handover.update(inputs.status, self.decision.heartbeat)
+            self.handover.update(inputs.status, self.decision.heartbeat, bool(inputs.others))
         withheld = self._refusal(OFFBOARD, inputs) if self.offboard else 'offboard is false'
         withheld = withheld or inputs.unable()
         in_offboard = inputs.status is not None and inputs.status.nav_state == OFFBOARD

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
 SERVED = frozenset({OFFBOARD, *EXTERNAL_MODES})
-STEERING = ('offboard_control_mode', 'trajectory_setpoint', 'goto_setpoint')   # inputs of PX4 that only one may send
+# Inputs of PX4 that only one may send: those in dds_topics.yaml of PX4 1.14 to 1.18, with the versions of their messages.
+_STEERS = re.compile(r'(offboard_control_mode|actuator_motors|actuator_servos|\w+_setpoint)(_v\d+)?')
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,9 @@ class Handover:
 
     A failsafe that began with a lost heartbeat, or with a silent external mode, ends as soon as either comes again, and PX4 is
     back in the mode that was selected before (flown in 1.17 and 1.18). So this rig must not return by itself: a mode counts
-    as handed over only after the pilot was seen to have selected another one, without a failsafe, and then this one.
+    as handed over only after the pilot was seen to have selected another one, without a failsafe, and then this one. A mode
+    that PX4 overrides is in a failsafe, whatever the flag says. OFFBOARD that another program has steered, too, is no longer
+    this rig's: its heartbeat would hide the end of that program.
     """
 
     def __init__(self) -> None:
@@ -45,23 +49,24 @@ class Handover:
         self._status: VehicleStatus | None = None
         self._failed = False
 
-    def update(self, status: VehicleStatus, offered: bool) -> None:
+    def update(self, status: VehicleStatus, offered: bool, shared: bool = False) -> None:
         """Note a status.
 
         Parameters:
             status: of the vehicle
             offered: whether the heartbeat is being sent, without which the pilot selected OFFBOARD for somebody else
+            shared: whether another program steers
         """
         before, self._status = self._status, status
-        if status.failsafe:
+        mode, intended = status.nav_state, status.nav_state if status.intended is None else status.intended
+        if status.failsafe or (intended != mode and intended in SERVED):
             self._free.clear()
             self._failed = True
             return
-        mode = status.nav_state
-        self._free |= SERVED - {mode, mode if status.intended is None else status.intended}
+        self._free |= SERVED - {mode, intended}
         entered = before is None or before.nav_state != mode
         unseen = not entered and before is not None and before.activated != status.activated
-        if unseen or (mode == OFFBOARD and entered and not offered):
+        if unseen or (mode == OFFBOARD and (shared or (entered and not offered))):
             self._free.discard(mode)
         self._failed = self._failed and mode not in self._free
 
@@ -71,6 +76,11 @@ class Handover:
             return ''
         return (f'{"a failsafe" if self._failed else "selected without this rig"}: select another mode first, then '
                 f'{"OFFBOARD" if mode == OFFBOARD else "this one"} again')
+
+
+def steers(name: str) -> bool:
+    """Whether PX4 is steered by an input of this name, with or without the version of its message."""
+    return _STEERS.fullmatch(name) is not None
 
 
 def others_that_steer(own_name: str, own: Mapping[str, int], publishers: Mapping[str, Sequence[str]]) -> str:

@@ -40,7 +40,7 @@ class FakeFirmware:
         self.firmware, self.messages, self.ticks = firmware, messages, 0
         self.model = FakeAutopilot(obeys_any_mode=firmware == '1.16', interface=2 if number >= 1.18 else 1, **model)
         self._layouts = definitions(told or firmware)
-        self._told, self.escs = None, None
+        self._told, self.flagged = None, True    # whether vehicle_status flags a failsafe
         self.outputs = OUTPUTS | (MODE_OUTPUTS if number >= 1.15 else {})
         self.inputs = INPUTS | (MODE_INPUTS if number >= 1.15 else {})
         if number >= 1.17:
@@ -80,8 +80,8 @@ class FakeFirmware:
             self._told = state
             yield 'vehicle_status', messages.VehicleStatus(
                 timestamp=now, nav_state=model.nav_state, nav_state_user_intention=model.intended,
-                nav_state_timestamp=round(1e6 * model.changed), arming_state=2 if model.armed else 1, failsafe=model.failsafe,
-                system_id=model.system, component_id=1)
+                nav_state_timestamp=round(1e6 * model.changed), arming_state=2 if model.armed else 1,
+                failsafe=model.failsafe and self.flagged, system_id=model.system, component_id=1)
         if k % 30 == 0 and model.modes:
             yield 'arming_check_request', self._question(now)
         if k % 5 == 0 and 'gimbal_device_attitude_status' in self.outputs:

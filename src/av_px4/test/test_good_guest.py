@@ -87,7 +87,7 @@ class TestOthers:
 
     @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
     def test_who_comes_while_the_rig_turns_gets_a_vehicle_that_stands(self, begin):
-        """The turn is ended by one setpoint; in OFFBOARD the program flies on, PX4 leaves the own mode."""
+        """The turn is ended by one setpoint; in OFFBOARD the program flies on, PX4 leaves the own mode, and notices its end."""
         flight = begin()
         flight.program, came = Program(), flight.time
         flight.run(1.0, **TURN)
@@ -97,6 +97,9 @@ class TestOthers:
         flight.run(2.0, **TURN)
         assert flight.model.yaw_rate == 0.0
         assert flight.model.nav_state == (OFFBOARD if begin is in_offboard else RETURN)
+        flight.program, gone = None, flight.time
+        flight.run(2.0, **TURN)
+        assert flight.model.nav_state == RETURN and not steered(flight, gone)
 
 
 class TestConsent:
@@ -137,12 +140,12 @@ class TestConsent:
         assert flight.model.yaw_rate == RATE
 
     @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
-    @pytest.mark.parametrize('stall', [0.2, 0.6, 0.9, 1.5, 3.0])
+    @pytest.mark.parametrize(('stall', 'flagged'), [(0.2, True), (0.9, True), (1.5, True), (1.5, False), (3.0, False)])
     @pytest.mark.parametrize('what', ['agent', 'process'])
-    def test_after_a_stall_it_goes_on_or_waits_for_the_pilot(self, begin, stall, what):
-        """Of the agent or of the process: PX4 is never in a mode that it left by itself."""
+    def test_after_a_stall_it_goes_on_or_waits_for_the_pilot(self, begin, stall, flagged, what):
+        """Of the agent or of the process: PX4 is never in a mode that it left by itself, with or without a flag of failsafe."""
         flight = begin()
-        rig = flight.rig
+        rig, flight.firmware.flagged = flight.rig, flagged
         if what == 'agent':
             flight.linked = False
         else:

@@ -20,7 +20,7 @@ from av_px4.guard import (
     BodyGuard,
     Inputs,
 )
-from av_px4.handover import OFFBOARD, VehicleStatus, others_that_steer
+from av_px4.handover import OFFBOARD, VehicleStatus, others_that_steer, steers
 
 SEQUENCES, STEPS = 5_000, 60
 MODES = (2, 4, 5, 14, 14, 14, 18, 23, 23, 24)
@@ -245,3 +245,11 @@ TOPIC = '/fmu/in/trajectory_setpoint'
     (['/b', '/a', '/b'], 0, f'/a publishes {TOPIC}, /b publishes {TOPIC}')])
 def test_others_are_named(publishers, own, said):
     assert others_that_steer('/px4_node', {TOPIC: own}, {TOPIC: publishers}) == said
+
+
+@pytest.mark.parametrize(('names', 'steering'), [
+    (('offboard_control_mode', 'trajectory_setpoint', 'goto_setpoint_v1', 'vehicle_rates_setpoint', 'actuator_motors',
+      'vehicle_attitude_setpoint_v1', 'fixed_wing_lateral_setpoint'), True),
+    (('vehicle_command', 'setpoint_config', 'vehicle_visual_odometry', 'trajectory_setpoint_v'), False)])
+def test_inputs_that_steer_are_known_by_their_names(names, steering):
+    assert all(steers(name) == steering for name in names)

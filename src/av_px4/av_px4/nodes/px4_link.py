@@ -16,7 +16,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from av_common.guarded_node import GuardedNode
-from av_px4.handover import STEERING, others_that_steer
+from av_px4.handover import others_that_steer, steers
 from av_px4.layouts import PROTOCOL, UNASKED_S, LayoutCheck, layout_hash
 from av_px4.messages import characters, text
 from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
@@ -137,8 +137,8 @@ class Px4Link:
             self._layouts.begin()
         self._asks = asks
         self._layouts.mute |= ASK not in self._publishers and time.monotonic() - self._begun > UNASKED_S
-        self._steering = {topic for name in STEERING for topic in (
-            self._resolved('in', name), *self._offered('in', name, known).values())}
+        place = self._resolved('in', ASK).removesuffix(ASK)
+        self._steering = {topic for topic in known if topic.startswith(place) and steers(topic.removeprefix(place))}
 
     def others(self) -> str:
         """Who else steers the vehicle, by the ROS graph; empty if nobody does."""
