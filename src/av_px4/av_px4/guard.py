@@ -14,8 +14,9 @@ from av_px4.handover import EXTERNAL_MODES, OFFBOARD, Handover, VehicleStatus
 
 STOP_WITHIN = 0.3                  # s from staleness to standstill; for command, measurement and attitude from their arrival
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
-SLOW_WITHIN = 0.15                 # s from the newest command or measurement, after which a fast body is driven no further
-FAST = math.radians(15.0)          # rad/s, from which a body counts as fast: PX4 turns on by 0.5 s times its rate
+SLOW_WITHIN = 0.15                 # s from the newest command or measurement, up to which a body of any rate is driven
+DEAD_TIME, LAG = 0.1, 0.4          # s, of PX4's answer to a yaw rate, as flown
+TURNS_ON = math.radians(9.6)       # rad, by which a body turns on after STOP_WITHIN: less than the 10 deg that are promised
 MAX_ACCELERATION = math.radians(400.0)    # rad/s^2, largest change of the yaw rate; PX4's own answer is slower
 LARGEST_RATE = MAX_ACCELERATION * (STOP_WITHIN - MARGIN)    # rad/s, from which it can stop in time: 100 deg/s
 COMMAND_TIMEOUT = 0.25             # s, age from which a pointing command is stale
@@ -28,6 +29,17 @@ PATIENCE = 1.0                     # s of missing inputs before PX4 is told that
 STALL = 0.8                        # s between steps, or between messages of PX4, after which it may have left any mode
 WAITS = 'after an interruption: waiting for the next vehicle_status'
 DRAINED = 0.1                      # s after an interruption in which what PX4 said meanwhile arrives from the queues
+
+
+def driven_until(rate: float) -> float:
+    """Age (s) of the newest command or measurement by which a body of a yaw rate (rad/s) is braked to a command of 0.
+
+    A rate that is commanded 0 at an age T, in the middle of the braking, shows for DEAD_TIME more and then dies away with LAG:
+    the body turns on by LAG * rate * exp(-(STOP_WITHIN - DEAD_TIME - T) / LAG) after STOP_WITHIN. That is TURNS_ON at most, for
+    up to 30 deg/s; a faster one has no more time than SLOW_WITHIN.
+    """
+    step = STOP_WITHIN - DEAD_TIME + LAG * math.log(TURNS_ON / (LAG * max(rate, 1e-3)))
+    return min(max(step + 0.5 * rate / MAX_ACCELERATION, SLOW_WITHIN), STOP_WITHIN - MARGIN)
 
 
 @dataclass(frozen=True)
@@ -214,9 +226,9 @@ class BodyGuard:
         if oldest < self._oldest or abs(self._rate) > abs(self._driven):
             self._driven = self._rate
         self._oldest = oldest
-        if abs(self._driven) < FAST or wanted * self._driven < 0.0:
+        if wanted * self._driven < 0.0:
             return wanted
-        ceiling = MAX_ACCELERATION * max(SLOW_WITHIN - oldest, 0.0)
+        ceiling = MAX_ACCELERATION * max(driven_until(abs(self._driven)) - oldest, 0.0)
         return min(max(wanted, -ceiling), ceiling)
 
     @staticmethod
