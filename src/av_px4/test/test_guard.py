@@ -120,8 +120,7 @@ def test_no_history_leads_to_harm():
             bad['asked'] = not inputs.enabled or inputs.unacknowledged or not math.isfinite(inputs.yaw_rate)
             for name, is_bad in bad.items():
                 bad_since[name] = (time if bad_since[name] is None else bad_since[name]) if is_bad else None
-                # a place once held stays known; the histories here that lose it are stricter than the node can be
-                if bad_since[name] is not None and time - bad_since[name] >= 0.3 and inputs.place_known:
+                if bad_since[name] is not None and time - bad_since[name] >= 0.3:
                     assert sent == 0.0, (number, name)
         settle(guard, replace(GOOD, status=VehicleStatus(4, True, False)), time)
         decisions = settle(guard, GOOD, time + 0.6)
