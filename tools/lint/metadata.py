@@ -1,4 +1,4 @@
-"""Every package has the version, maintainer and licence of the suite: `metadata.py src/*`.
+"""Every package has the version, maintainer and licence of the suite, and a release 60 lines of changes: `metadata.py src/*`.
 
 The newest heading of CHANGELOG.md says the version. CITATION.cff, each package.xml and each setup.py repeat it, since those who
 cite, ROS and Python read it there; a setup.py also repeats its package.xml's description.
@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 PROJECT = Path(__file__).resolve().parents[2]
+MOST_LINES = 60  # of a release in CHANGELOG.md, without empty ones
 MAINTAINER, ADDRESS, LICENSE = 'The av_rig maintainers', 'av_rig@users.noreply.github.com', 'Apache-2.0'
 
 
@@ -51,6 +52,10 @@ def faults(packages: list[Path]) -> Iterator[str]:
     """Each place whose metadata differ."""
     version, date = newest()
     wanted = {'version': version, 'maintainer': MAINTAINER, 'maintainer_email': ADDRESS, 'license': LICENSE}
+    for release in re.split(r'^(?=## )', (PROJECT / 'CHANGELOG.md').read_text(encoding='utf-8'), flags=re.M)[1:]:
+        title, *lines = filter(str.strip, release.splitlines())
+        if len(lines) > MOST_LINES:
+            yield f'CHANGELOG.md: {title} has {len(lines)} lines, expected at most {MOST_LINES}'
     citation = (PROJECT / 'CITATION.cff').read_text(encoding='utf-8')
     for line in (f'version: {version}', f'date-released: {date}'):
         if line not in citation.replace("'", '').replace('"', '').splitlines():

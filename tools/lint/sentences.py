@@ -1,4 +1,4 @@
-"""Sentences of more than 40 words in Markdown are printed with page and line; exit code 1 if there are any.
+"""Sentences of more than 40 words in Markdown, and pages beyond their length, are printed; exit code 1 if there are any.
 
 A colon, before a list or an explanation, ends one, too.
 """
@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 MOST = 40  # words
+LONGEST = {'docs/results.md': 1500}  # words of a page
 CODE = re.compile(r'^```.*?^```|<!--.*?-->', re.MULTILINE | re.DOTALL)
 # A line that begins a list, a heading, a table, a quotation or an indented block ends what stands before it, as an empty one.
 BREAK = re.compile(r'\n\s*\n|\n(?=\s*(?:[-*+|#>]|\d+\.\s)|\s{4,})')
@@ -50,6 +51,8 @@ def main() -> int:
     found = [f'{file}:{line}: {count} words: {sentence[:60].strip()!r} ...'
              for file in files if Path(file).exists() for line, sentence in sentences(Path(file).read_text())
              if (count := words(sentence)) > MOST]
+    found += [f'{file}: {count} words, expected at most {most}'
+              for file, most in LONGEST.items() if (count := words(Path(file).read_text())) > most]
     print(*found, sep='\n', end='\n' if found else '')
     return bool(found)
 

@@ -64,7 +64,8 @@ class PointingNode(RigNode):
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         self._ran, self._resumed = time.monotonic(), -math.inf
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', tell=partial(setattr, self._stage, 'contested'))
+        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit',
+                                      tell=partial(setattr, self._stage, 'contested'))
         self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
