@@ -24,6 +24,8 @@ _SIZE, _FOCAL, _CENTRE = (1, 100_000), (1e-3, 1e7), (-1e6, 1e6)
 _LIMITS: dict[str, tuple[float, float]] = {
     'width': _SIZE, 'height': _SIZE, 'fx': _FOCAL, 'fy': _FOCAL, 'cx': _CENTRE, 'cy': _CENTRE}
 _MOST_COEFFICIENT = 1e4
+_MOST_TANGENT = 20.0    # of half the angle that a calibrated image shows: 174 deg of a pinhole lens, 2292 of a fisheye
+_NONE = 1e-3            # pixels: a larger skew, or value where the intrinsic matrix has zeros, makes it another matrix
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,17 @@ class PinholeCamera:
             model: one of LENS_MODELS, or empty.
             distortion: coefficients.
 
-        Raises ValueError for an uncalibrated camera (k[0] is 0, as CameraInfo defines) and for other lens models.
+        Raises ValueError for an uncalibrated camera (k[0] is 0, as CameraInfo defines), for other lens models, and for a matrix
+        that is transposed, has a skew, or is not in pixels.
         """
         matrix, coefficients = np.asarray(k, float).reshape(-1), np.asarray(distortion, float).reshape(-1)
         if matrix.size != 9 or matrix[0] == 0.0:
             raise ValueError(f'k is {matrix.tolist()}: the camera is not calibrated')
+        if np.abs(matrix[[1, 3, 6, 7]]).max() > _NONE:
+            raise ValueError(f'k is {matrix.tolist()}, expected fx, 0, cx, 0, fy, cy, 0, 0, 1')
+        if 0.0 < _MOST_TANGENT * matrix[0] < 0.5 * width or 0.0 < _MOST_TANGENT * matrix[4] < 0.5 * height:
+            raise ValueError(f'k has the focal lengths {matrix[0]:g} and {matrix[4]:g} for {width} x {height} pixels, expected '
+                             'pixels of these images')
         if model and model not in LENS_MODELS:
             raise ValueError(f'distortion_model is {model[:40]!r}, expected {", ".join(LENS_MODELS)}')
         return cls(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ from av_common.files import shown
 from av_common.yaml_reader import load_yaml
 
 MOST_PIXELS = 65_536
+ENTRIES = ('image_width', 'image_height', 'camera_name', 'camera_matrix', 'distortion_model', 'distortion_coefficients',
+           'rectification_matrix', 'projection_matrix')
+ALIKE = 0.8    # likeness of two names, of which one is a misspelling of the other (difflib)
 
 
 def load_calibration(path: str | Path) -> PinholeCamera:
@@ -19,6 +23,10 @@ def load_calibration(path: str | Path) -> PinholeCamera:
     try:
         if not isinstance(content, dict):
             raise ConfigError(f'{shown(content)}, expected a mapping with image_width and camera_matrix')
+        for name in content:    # other programs add entries of their own
+            meant = get_close_matches(str(name), ENTRIES, 1, ALIKE)
+            if meant and name not in ENTRIES and meant[0] not in content:
+                raise ConfigError(f'{shown(name)} is no entry of a calibration, the nearest is {meant[0]}')
         matrix, model = _numbers(content, 'camera_matrix', (9,)), content.get('distortion_model', LENS_MODELS[0])
         distortion = _numbers(content, 'distortion_coefficients', DISTORTION_LENGTHS)
         width, height = (int(number(content.get(name), name, True, {'low': 1, 'high': MOST_PIXELS}))

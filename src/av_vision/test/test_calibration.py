@@ -41,6 +41,23 @@ def test_a_fisheye_calibration_is_one(tmp_path):
         load_calibration(file)
 
 
+@pytest.mark.parametrize(('old', 'new', 'reason'), [
+    ('distortion_model', 'distortion_modell', "'distortion_modell' is no entry .* nearest is distortion_model"),
+    ('distortion_coefficients', 'distorsion_coefficients', 'nearest is distortion_coefficients'),
+    ('[420, 0, 638, 0, 421, 510, 0, 0, 1]', '[420, 0, 0, 0, 421, 0, 638, 510, 1]', 'expected fx, 0, cx'),    # by columns
+    ('[420, 0, 638', '[420, 17, 638', 'expected fx, 0, cx'),
+    ('[420, 0, 638, 0, 421, 510', '[4.2, 0, 6.4, 0, 4.21, 5.1', '4.2 and 4.21 for 1280 x 1024 pixels, expected pixels')])
+def test_what_would_be_another_lens_is_refused(tmp_path, old, new, reason):
+    """A misspelt entry counted as absent, and a matrix of another form, or in millimetres, was read as a lens."""
+    file = tmp_path / 'fisheye.yaml'
+    text = EQUIDISTANT.replace('MODEL', 'equidistant') + 'date: today\n'
+    file.write_text(text)
+    load_calibration(file)
+    file.write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=f'fisheye.yaml: .*{reason}'):
+        load_calibration(file)
+
+
 FIELD_CASE = Path(__file__).resolve().parents[4] / 'shared/data/field_cases/calibration/cal_equidistant.yaml'
 
 

@@ -259,13 +259,15 @@ def test_unplugging_is_survived():
 
 def test_images_are_played_in_the_order_of_their_numbers(tmp_path):
     """As people count: 2 before 10, also in the middle of a name; what macOS leaves beside each file is none."""
-    names = ['Cam-9 shot2.png', 'cam-10 shot1.PNG', 'cam-9 shot10.png', 'cam-9 shot1.png', 'cam-09 shot11.png', 'dusk.png']
+    names = ['Cam-9 shot2.png', 'cam-10 shot1.PNG', 'cam-9 shot10.png', 'cam-9 shot1.png', 'cam-09 shot11.png', 'dusk.png',
+             'cam-9 shot2 (1).png', 'cam-9 shot2.5.png']
     for name in names:
         cv2.imwrite(str(tmp_path / name), np.zeros((4, 4), np.uint8))
         (tmp_path / f'._{name}').write_bytes(b'\0\5\26\7 resource fork')
     assert [path.name for path in image_files(tmp_path)] == [
-        'cam-9 shot1.png', 'Cam-9 shot2.png', 'cam-9 shot10.png', 'cam-09 shot11.png', 'cam-10 shot1.PNG', 'dusk.png']
-    assert len(list(Recording(tmp_path).frames())) == 6
+        'cam-9 shot1.png', 'Cam-9 shot2.png', 'cam-9 shot2 (1).png', 'cam-9 shot2.5.png', 'cam-9 shot10.png',
+        'cam-09 shot11.png', 'cam-10 shot1.PNG', 'dusk.png']
+    assert len(list(Recording(tmp_path).frames())) == 8
 
 
 def test_the_numbered_folder_of_the_field():

@@ -36,7 +36,7 @@ def image_files(folder: Path) -> list[Path]:
 
 def _counted(path: Path) -> tuple[list[tuple[int, str]], str]:
     """A key that sorts names by the numbers in them; equal numbers, such as 1 and 01, by the name."""
-    parts = re.split(r'(\d+)', path.name.casefold())
+    parts = re.split(r'(\d+)', path.stem.casefold())    # `1` before `1.5` and `1 (2)`
     return [(int(part), '') if k % 2 else (-1, part) for k, part in enumerate(parts)], path.name
 
 
