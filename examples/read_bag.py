@@ -11,6 +11,8 @@ import numpy as np
 
 from av_bags import Bag, find_topics
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
 folder, path = Path(sys.argv[1]), Path(sys.argv[2])
 folder.mkdir(parents=True, exist_ok=True)
 with Bag(path) as bag:

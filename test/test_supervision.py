@@ -48,6 +48,18 @@ def kill(rig, listener, name, number=signal.SIGKILL):
     return back, max(listener.tracked_since - begin, 0.0)
 
 
+def nothing_outlives(rig, listener, number):
+    """However the launch ends: no process after 2 s, and the last command moves nothing."""
+    rig.signal(number)
+    rig.finish(60.0)
+    ended = time.monotonic()
+    left = rig.leftovers()
+    print(f'\n{number.name}: the last process ended {time.monotonic() - ended:.1f} s after the launch')
+    assert not left
+    listener.wait_for(lambda: False, timeout=0.5)
+    assert still(listener.commands[-1])
+
+
 def still(command):
     """Whether a command moves nothing."""
     gimbal = command.move_gimbal and (command.pan_rate or command.tilt_rate)
@@ -81,6 +93,7 @@ def test_a_node_that_is_shut_down_by_request_is_started_again(start):
     assert listener.shut_down('doa_node')
     assert listener.wait_for(lambda: rig.processes('/doa_node') not in ([], [process])), rig.output
     assert listener.wait_for(lambda: listener.values.get('doa_node', {}).get('restarts') == '1'), rig.output
+    nothing_outlives(rig, listener, signal.SIGHUP)
 
 
 def test_more_than_three_restarts_fail_a_run_of_set_duration(start):
@@ -129,17 +142,9 @@ def test_what_was_disabled_stays_disabled(start):
     assert all(map(still, listener.commands))
     assert listener.wait_for(lambda: listener.values['pointing_node'].get('restarts') == '1')
     assert listener.values['pointing_node']['enabled'] == 'False'
+    nothing_outlives(rig, listener, signal.SIGINT)
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
 def test_nothing_outlives_the_launch(number, start):
-    """However the launch ends: no process after 2 s, and the last command moves nothing."""
-    rig, listener = start()
-    rig.signal(number)
-    rig.finish(60.0)
-    ended = time.monotonic()
-    left = rig.leftovers()
-    print(f'\n{number.name}: the last process ended {time.monotonic() - ended:.1f} s after the launch')
-    assert not left
-    listener.wait_for(lambda: False, timeout=0.5)
-    assert still(listener.commands[-1])
+    nothing_outlives(*start(), number)
