@@ -91,8 +91,8 @@ class Bag(AbstractContextManager['Bag']):
         counts: Counter[str] = Counter()
         for connection in connections:
             counts[connection.topic] += connection.msgcount
-        self.topics = {c.topic: Topic(c.topic, c.msgtype, counts[c.topic]) for c in connections}
-        self._definitions = {c.msgtype: found for c in connections if (found := _usable(c.msgtype, c.msgdef)) is not None}
+        self.topics = {c.topic: Topic(c.topic, _kind_of(c), counts[c.topic]) for c in connections}
+        self._definitions = {_kind_of(c): found for c in connections if (found := _usable(_kind_of(c), c.msgdef)) is not None}
         if not counts.total():
             self._opened.close()
             raise BagError(f'{self.path}: the bag holds no messages ({"; ".join(self.problems) or "it is intact"})')
@@ -327,6 +327,12 @@ class Bag(AbstractContextManager['Bag']):
         if encoding != 'cdr':
             self._problems[f'{connection.topic}: messages in {encoding!r} are not read'] = None
         return encoding == 'cdr'
+
+
+def _kind_of(connection: Connection) -> str:
+    """The type of a topic's messages; as ROS 1 and some programs write it, the part in the middle is missing."""
+    package, *_, name = connection.msgtype.split('/')
+    return connection.msgtype if connection.msgtype.count('/') > 1 else f'{package}/msg/{name}'
 
 
 def _usable(kind: str, text: MessageDefinition) -> MessageDefinition | None:

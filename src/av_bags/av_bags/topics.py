@@ -55,10 +55,12 @@ class Found:
     Parameters:
         topics: topics of the bag, by the rig's names.
         missing: reasons why the other topics were not found, by the rig's names.
+        unused: those of them that the bag has messages of, which are of another type, or of several topics.
     """
 
     topics: dict[str, str] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+    unused: set[str] = field(default_factory=set)
 
     def __contains__(self, name: str) -> bool:
         return name in self.topics
@@ -94,6 +96,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
             found.topics[name] = usable[0]
         else:
             found.missing[name] = _why(bag, name, candidates, usable)
+            found.unused.update([name] if any(bag.topics[topic].count for topic in candidates) else [])
     return found
 
 
@@ -144,8 +147,9 @@ def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
     if empty:
         return f'{", ".join(empty)} holds no messages'
     if candidates:
-        kinds = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates)
-        return f'{kinds}, expected {" or ".join(KINDS[name])}'
+        kinds, count = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates), sum(
+            bag.topics[topic].count for topic in candidates)
+        return f'{kinds}, expected {" or ".join(KINDS[name])}; {count} messages are left out'
     alike = [topic.name for topic in bag.topics.values() if topic.kind in KINDS[name]]
     hint = f' (by its type {" or ".join(alike)} could be it: {name}:={alike[0]})' if alike else ''
     return f'no topic {name}{hint}'

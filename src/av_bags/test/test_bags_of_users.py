@@ -160,8 +160,11 @@ SCHEMAS = {
 }
 
 
-def write_with_schemas(path, rows, schema, encoding='ros2msg', others=()):
-    """An mcap file in which the schema of each type is `schema(type)`; others: topic, encodings of message and schema, data."""
+def write_with_schemas(path, rows, schema, encoding='ros2msg', others=(), name=str):
+    """An mcap file in which the schema of each type is `schema(type)`, its name `name(type)`.
+
+    others: topic, encodings of message and schema, data.
+    """
     writer = McapWriter(str(path), compression=CompressionType.LZ4)
     writer.start('ros2')
     channels = {}
@@ -171,7 +174,7 @@ def write_with_schemas(path, rows, schema, encoding='ros2msg', others=()):
     for number, (topic, time_ns, message) in enumerate(rows):
         if topic not in channels:
             kind = message.__msgtype__
-            channels[topic] = writer.register_channel(topic, 'cdr', writer.register_schema(kind, encoding, schema(kind)))
+            channels[topic] = writer.register_channel(topic, 'cdr', writer.register_schema(name(kind), encoding, schema(kind)))
         writer.add_message(channels[topic], time_ns, make.cdr(message), time_ns, number)
     writer.finish()
     return path
@@ -186,6 +189,16 @@ def test_types_without_a_usable_definition_are_read_as_installed(tmp_path, name)
         assert not feed.problems and len(found) == len(rows)
         assert [one.message.pose.pose.position.x for one in found if one.name == 'odometry'] == list(range(40))
         assert found[2].message.hypotheses[0].azimuth == pytest.approx(0.01)
+
+
+def test_types_in_the_spelling_of_ros1_are_the_same(tmp_path):
+    rows = recorded(2.0)
+    path = write_with_schemas(tmp_path / 'bag.mcap', rows, lambda kind: full(kind).encode(),
+                              name=lambda kind: kind.replace('/msg', ''))
+    with Bag(path) as bag:
+        assert bag.topics['/odometry'].kind == make.ODOMETRY
+        feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
+        assert len(list(feed)) == len(rows) and not feed.problems
 
 
 def test_a_schema_without_encoding_and_topics_of_others_do_no_harm(tmp_path):

@@ -153,6 +153,7 @@ def test_a_topic_of_a_wrong_type_is_named(tmp_path):
         write('/detections', make.EPOCH, make.detections(make.EPOCH))
     replay, _ = replayed(tmp_path / 'bag')
     assert any('/doa is nav_msgs/msg/Odometry, expected av_interfaces/msg/DoaArray' in note for note in replay.notes)
+    assert replay.lost
     with pytest.raises(BagError, match='/doa is nav_msgs/msg/Odometry; for detections expected vision_msgs'):
         replayed(tmp_path / 'bag', remappings={'detections': '/doa'})
     with pytest.raises(BagError, match='no topic /nowhere for doa; there are /detections, /doa'):

@@ -197,7 +197,7 @@ class Replay:
             raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
         for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
-                self._note(f'{found.missing[name]}: {WITHOUT[name]}')
+                (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {WITHOUT[name]}')
         beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
         beside += (names.VISIBILITY,) if images == names.DETECTIONS else ()
