@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,9 @@ def _number_or_text(loader: Any, node: yaml.ScalarNode) -> Any:
         return node.value
 
 
+# As YAML 1.2 and the parameter files of ROS have them, and PyYAML has not: 1e-3, 1.5e3, -.5
+_Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$'),
+                              list('-+.0123456789'))
 for _kind in ('int', 'float', 'timestamp'):
     _Loader.add_constructor(f'tag:yaml.org,2002:{_kind}', _number_or_text)
 

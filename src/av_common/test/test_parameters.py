@@ -115,6 +115,16 @@ def test_nested_sections_and_later_files_count(tmp_path, context):
     assert node_parameters('toy', 'tracker', [a, b], {'tau': 2, 'rotation.enabled': False}, 'rig_1').tau == 2.0
 
 
+@pytest.mark.parametrize('number', ['5e-1', '-.5', '+.5', '5.e-1', '2.5E0', '-12e-1', '.5'])
+def test_numbers_are_those_of_ros(tmp_path, context, number):
+    """PyYAML alone takes most of them for texts."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'/**: {{ros__parameters: {{limits: [{number}, 9.0]}}}}')
+    ours = node_parameters('toy', 'tracker', [file])
+    assert ours.limits == [float(number), 9.0]
+    assert plain(ours) == plain(of_the_node(context, '', file))
+
+
 def test_nested_values_of_one_call_stay_there():
     """The generated class holds nested structs, in which the values of one node would be the defaults of the next."""
     changed = node_parameters('toy', 'tracker', overrides={'rotation.enabled': False, 'tau': 3.0})
