@@ -69,44 +69,42 @@ def listening(domain):
         rclpy.shutdown(context=context)
 
 
-@pytest.mark.parametrize('frozen', ['lib/av_simulator/simulator', 'lib/av_sim_bridge/bridge_node'])
-def test_the_body_stands_still_0_3_s_after_the_last_measurement(frozen):
-    """The target circles, so that the body turns all the time; simulator or bridge are stopped for 4 s, and continued."""
+def test_nothing_turns_on_what_is_frozen():
+    """The target circles, so that the body turns all the time; processes are stopped one after the other, and continued."""
     rig = RigProcess('scenario:=circle', 'oracle:=true', f'port_offset:={free_offset()}')
     with listening(rig.domain) as (seen, listen):
-        listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)
-        assert seen.turning(time.time() - 2.0), rig.output
-        process = rig.processes(frozen)[0]
-        os.kill(process, signal.SIGSTOP)
-        listen(4.0)
-        arrived, commands = seen.newest_measurement(), [command for _, command in seen.commands[-20:]]
-        late = seen.turning(arrived + BODY_TIMEOUT + PERIOD)
-        assert not late, f'turns until {late[-1] - arrived:.2f} s after the newest measurement'
-        assert time.time() - arrived > 3.0 and to_seconds(commands[-1].header.stamp) > time.time() - 0.5
-        assert all(command.mode == PointingCommand.MODE_HOLD for command in commands), commands[-1]
-        predicted = [bearing for arrival, bearing in seen.bearings if arrival > arrived + 1.5]
-        assert predicted and {bearing.state for bearing in predicted} <= {Bearing.STATE_COASTING, Bearing.STATE_NONE}
-        os.kill(process, signal.SIGCONT)
-        continued = time.time()
-        listen(30.0, lambda: len(seen.turning(continued + 1.0)) > 20)
-        assert len(seen.turning(continued + 1.0)) > 20 and seen.newest_measurement() > continued
-    rig.interrupt()
-    rig.finish(timeout=60.0)
-
-
-def test_the_simulated_rig_stands_still_without_commands():
-    """pointing_node is stopped while the body turns: the rig brakes by itself. So it does when fusion_node is stopped."""
-    rig = RigProcess('scenario:=circle', 'oracle:=true', f'port_offset:={free_offset()}')
-    with listening(rig.domain) as (seen, listen):
+        for frozen in ('lib/av_simulator/simulator', 'lib/av_sim_bridge/bridge_node'):
+            with stopped(rig, seen, listen, frozen):
+                the_body_stands_still_0_3_s_after_the_last_measurement(seen, listen)
+            continued = time.time()
+            listen(30.0, lambda continued=continued: len(seen.turning(continued + 1.0)) > 20)
+            assert len(seen.turning(continued + 1.0)) > 20 and seen.newest_measurement() > continued
         for frozen in ('lib/av_fusion/fusion_node', 'lib/av_pointing/pointing_node'):
-            listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)
-            assert seen.turning(time.time() - 2.0), rig.output
-            process = rig.processes(frozen)[0]
-            os.kill(process, signal.SIGSTOP)
-            stopped = time.time()
-            listen(3.0)
-            rates = [rate for arrival, rate in seen.yaw_rates if arrival > stopped + 1.0]
-            assert rates and max(map(abs, rates)) < 1e-3, (frozen, max(map(abs, rates)))
-            os.kill(process, signal.SIGCONT)
+            with stopped(rig, seen, listen, frozen) as since:
+                listen(3.0)
+                rates = [rate for arrival, rate in seen.yaw_rates if arrival > since + 1.0]
+                assert rates and max(map(abs, rates)) < 1e-3, (frozen, max(map(abs, rates)))    # the rig brakes by itself
     rig.interrupt()
     rig.finish(timeout=60.0)
+
+
+@contextmanager
+def stopped(rig, seen, listen, name):
+    """A process is stopped while the body turns; the time since when."""
+    listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)
+    assert seen.turning(time.time() - 2.0), rig.output
+    process = rig.processes(name)[0]
+    os.kill(process, signal.SIGSTOP)
+    yield time.time()
+    os.kill(process, signal.SIGCONT)
+
+
+def the_body_stands_still_0_3_s_after_the_last_measurement(seen, listen):
+    listen(4.0)
+    arrived, commands = seen.newest_measurement(), [command for _, command in seen.commands[-20:]]
+    late = seen.turning(arrived + BODY_TIMEOUT + PERIOD)
+    assert not late, f'turns until {late[-1] - arrived:.2f} s after the newest measurement'
+    assert time.time() - arrived > 3.0 and to_seconds(commands[-1].header.stamp) > time.time() - 0.5
+    assert all(command.mode == PointingCommand.MODE_HOLD for command in commands), commands[-1]
+    predicted = [bearing for arrival, bearing in seen.bearings if arrival > arrived + 1.5]
+    assert predicted and {bearing.state for bearing in predicted} <= {Bearing.STATE_COASTING, Bearing.STATE_NONE}
