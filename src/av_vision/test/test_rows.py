@@ -57,6 +57,8 @@ def exports():
         'a score for each class': columns(boxes, by_class(labels, scores)),
         'a regression without bounds': columns(
             np.where(np.arange(len(boxes))[:, None] % 20 == 5, boxes[:, [2, 1, 0, 3]], boxes), scores, labels),
+        'filled up by class -1': np.concatenate([columns(boxes, scores, labels), np.tile([0, 0, 0, 0, 0, -1.0], (1, 50, 1))],
+                                                axis=1),
         'filled up by -1': np.concatenate([columns(boxes, scores, labels), np.full((1, 50, 6), -1.0)], axis=1),
     }
 

@@ -86,7 +86,8 @@ class Reading:
         given = rows[:, self.box:self.box + 4]
         if self.shares != bool(np.all(np.abs(given) <= SHARES)):
             return False
-        if self.label >= 0 and np.any((rows[:, self.label] < 0.0) | (rows[:, self.label] % 1.0 != 0.0)):
+        labels = rows[:, [self.label] if self.label >= 0 else []]    # -1 in rows of score 0, by which tables are filled up
+        if np.any(labels % 1.0 != 0.0) or np.any((labels < 0.0) & (self.scores(rows)[:, :1] > 0.0)):
             return False
         if self.batch >= 0 and np.any(rows[:, self.batch] != 0.0):
             return False
