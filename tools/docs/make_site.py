@@ -132,8 +132,8 @@ def main() -> int:
     requirements = PROJECT / 'tools/docs/requirements.txt'
     stamp = TOOLS / 'requirements.txt'
     if not stamp.exists() or stamp.read_text() != requirements.read_text():
-        subprocess.run([sys.executable, '-m', 'pip', 'install', '-q', '--upgrade', '--target', str(TOOLS),
-                        '-r', str(requirements)], check=True)
+        subprocess.run([sys.executable, '-m', 'pip', 'install', '-q', '--no-warn-conflicts', '--upgrade',
+                        '--target', str(TOOLS), '-r', str(requirements)], check=True)
         stamp.write_text(requirements.read_text())
     environment = {**os.environ, 'PYTHONPATH': f'{TOOLS}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
     code = subprocess.run([sys.executable, '-m', 'sphinx', '-q', '-j', 'auto', '-b', 'html', str(SOURCE), str(BUILD / 'html')],
