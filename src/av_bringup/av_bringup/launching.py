@@ -298,7 +298,7 @@ def detector_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
 
 
 def camera_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The node of each camera of the rig.
+    """The node of each camera of the rig, with the size and the field of view of its description.
 
     Parameters:
         arguments: values of the launch arguments.
@@ -306,7 +306,9 @@ def camera_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     """
     raw = {'pixel_format': 'Y16'}
     return [camera_node(arguments, 'camera_node', camera, {
-        'frame_id': mount.optical_frame, **(raw if (mount.kind, mount.palette) == ('thermal', 'raw') else {}), **parameters})
+        'frame_id': mount.optical_frame, 'width': mount.width, 'height': mount.height,
+        'horizontal_fov_deg': mount.horizontal_fov_deg,
+        **(raw if (mount.kind, mount.palette) == ('thermal', 'raw') else {}), **parameters})
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 

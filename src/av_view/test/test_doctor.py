@@ -180,6 +180,13 @@ def test_the_shipped_files_agree():
     assert levels(found) == ['ok'] and rig is not None
 
 
+@pytest.mark.parametrize('name', ['rig_thermal', 'rig_gimbal', 'rig_two_cameras'])
+def test_a_camera_is_described_once(name):
+    """Its size and field of view need not be in the parameters, too."""
+    found, _ = judge_files(CONFIG / f'{name}.yaml', [CONFIG / 'rig_params.yaml'])
+    assert not any('camera_node' in finding.words for finding in found), found
+
+
 @pytest.mark.parametrize(('parameters', 'words'), [
     ('/**/audio_node: {ros__parameters: {channels: [0, 1, 2]}}', 'captures 3'),
     ('/**/camera_node: {ros__parameters: {width: 1280, height: 720}}', '1280x720'),
@@ -221,9 +228,9 @@ def test_the_camera_is_opened_as_the_node_does(tmp_path):
         writer.write(image)
     writer.release()
     parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{file}"}}}}')
-    assert levels(program.camera([parameters], 0.3)) == ['ok']
+    assert levels(program.camera(None, [parameters], 0.3)) == ['ok']
     parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{tmp_path}/none"}}}}')
-    (finding,) = program.camera([parameters], 0.3)
+    (finding,) = program.camera(None, [parameters], 0.3)
     assert finding.level == 'error' and 'absent or in use' in finding.words
 
 

@@ -60,7 +60,7 @@ def look(options: argparse.Namespace) -> list[Finding]:
     checks: dict[str, Callable[[], list[Finding]]] = {
         'files': lambda: found, 'devices': program.devices,
         'microphones': lambda: listen(options, rig, parameter_files),
-        'camera': lambda: program.camera(parameter_files, options.seconds),
+        'camera': lambda: program.camera(rig, parameter_files, options.seconds),
         'machine': lambda: program.machine(parameter_files), 'px4': program.px4}
     findings: list[Finding] = []
     for area in AREAS:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from av_audio.start_check import check_ages, check_hearing
+from av_common.parameter_files import parameters_for
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_view.doctor.finding import Finding
@@ -33,7 +34,7 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
         for file in parameter_files:
             check_parameter_file(file, [f'/{name}' for name in node_modules()])
         audio = node_parameters('av_audio', 'audio_node', parameter_files)
-        camera = node_parameters('av_vision', 'camera_node', parameter_files)
+        camera = camera_settings(rig, parameter_files)
         hearing = node_parameters('av_audio', 'doa_node', parameter_files)
         check_ages(hearing.window, hearing.hop)
         check_hearing(hearing, array)
@@ -43,6 +44,17 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
              *_camera_findings(rig, camera)]
     return found or [Finding(AREA, 'ok', f'{Path(rig_file).name}: {array.channels} microphones ({array.name}), camera '
                              f'{rig.camera.width}x{rig.camera.height}, {rig.camera.horizontal_fov_deg:.0f} degrees')], rig
+
+
+def camera_settings(rig: Rig | None, parameter_files: Sequence[str | Path], **given: Any) -> Any:
+    """The parameters of camera_node as a launch gives them: the camera of the description, then the files, then those `given`.
+
+    Raises as `node_parameters`.
+    """
+    files = {name for file in parameter_files for name in parameters_for(file, '/camera_node')}
+    described = {} if rig is None else {name: getattr(rig.camera, name) for name in ('width', 'height', 'horizontal_fov_deg')
+                                        if name not in files}
+    return node_parameters('av_vision', 'camera_node', parameter_files, {**described, **given})
 
 
 def _array_findings(array: Any, channels: list[int]) -> list[Finding]:

@@ -23,6 +23,7 @@ from av_common.parameters import node_parameters
 from av_common.rig import Rig
 from av_view.doctor.camera_modes import Mode, judge_modes, modes_of_realsense, modes_of_v4l2
 from av_view.doctor.cameras import judge_images
+from av_view.doctor.files import camera_settings
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
@@ -122,14 +123,15 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
     return found
 
 
-def camera(parameter_files: Sequence[str | Path], seconds: float) -> list[Finding]:
+def camera(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: float) -> list[Finding]:
     """Look as camera_node does.
 
     Parameters:
+        rig: the description, for the camera.
         parameter_files: of camera_node.
         seconds (s): to look.
     """
-    settings = node_parameters('av_vision', 'camera_node', parameter_files, {'source': 'device'})
+    settings = camera_settings(rig, parameter_files, source='device')
     kind, _, serial = settings.device.partition(':')
     asked = settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms
     source = RealSenseSource(serial, *asked) if kind == 'realsense' else Camera(settings.device, *asked)

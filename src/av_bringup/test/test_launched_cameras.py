@@ -1,0 +1,22 @@
+"""What the launch files tell the nodes of the cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from av_bringup import launching
+
+CONFIG = Path(__file__).resolve().parents[3] / 'config'
+
+
+@pytest.mark.parametrize('name', ['rig', 'rig_thermal', 'rig_two_cameras'])
+def test_cameras_have_the_view_of_the_rigs_description(monkeypatch, name):
+    """Without it a camera of 50 degrees had the 70 of the parameter's default, and bearings were 1.5 times too large."""
+    monkeypatch.setattr(launching, 'rig_node', lambda arguments, package, executable, parameters, **options: parameters)
+    file = CONFIG / f'{name}.yaml'
+    given = launching.camera_nodes({'rig': str(file)}, {'source': 'device'})
+    cameras = launching.load_rig(file).cameras.values()
+    assert [(one['width'], one['height'], one['horizontal_fov_deg'], one['frame_id']) for one in given] == \
+        [(camera.width, camera.height, camera.horizontal_fov_deg, camera.optical_frame) for camera in cameras]
