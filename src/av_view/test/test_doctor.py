@@ -142,7 +142,7 @@ def test_a_good_camera_passes():
 
 
 @pytest.mark.parametrize(('times', 'images', 'words'), [
-    ([], [], 'no pictures'), (np.arange(10) / 5.0, pictures(), '5.0 pictures'),
+    ([], [], 'no images'), (np.arange(10) / 5.0, pictures(), '5.0 pictures'),
     (np.arange(10) / 15.0, pictures(size=(360, 640)), '640x360'), (np.arange(10) / 15.0, pictures(2.0), 'dark'),
     (np.arange(10) / 15.0, pictures(254.0), 'overexposed'), (np.arange(10) / 15.0, pictures()[:1] * 4, 'the same')])
 def test_faults_of_cameras_are_named(times, images, words):

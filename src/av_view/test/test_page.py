@@ -78,7 +78,7 @@ def test_the_dialog_says_what_is_configured_to_move_whatever_was_commanded(rig, 
     nothing = asked_for(rig, phone, may_move='nothing', command={**STILL, 'pan': 1.0, 'tilt': 0.0})
     assert 'Nothing of this rig is configured to move' in nothing
     unknown = asked_for(rig, phone, may_move=None)
-    assert 'the gimbal and the body' in unknown and 'not said yet' in unknown
+    assert 'the gimbal and the body' in unknown and 'not known yet' in unknown
     assert not [action for action, _ in rig.asked if action == 'enable']
 
 

@@ -132,7 +132,7 @@ class RotationPlanner:
         if not self.settings.enabled:
             raise ValueError('rotation.enabled is false, expected true for rotations to be requested')
         if self._since is None:
-            raise ValueError('a rotation decides nothing now: front and back are told apart, or nothing is heard')
+            raise ValueError('a rotation would not help now: front and back are resolved, or nothing is heard')
         self._asked = time
 
     def is_asked(self, time: float) -> bool:

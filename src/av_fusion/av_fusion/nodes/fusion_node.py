@@ -122,7 +122,7 @@ class FusionNode(RigNode):
     def _on_request_rotation(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             self._stage.tracker.planner.ask(self.now())
-            response.success, response.message = True, 'a rotation is requested until front and back are told apart'
+            response.success, response.message = True, 'a rotation is requested until front and back are resolved'
         except ValueError as error:
             response.message = str(error)
         return response

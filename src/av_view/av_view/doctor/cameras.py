@@ -28,7 +28,7 @@ def judge_images(times: Sequence[float], images: Sequence[NDArray], wanted_rate:
         wanted_size: width and height (pixels) that were asked for.
     """
     if len(times) < 2 or not images:
-        return [Finding(AREA, 'error', 'no pictures come', 'unplug it and plug it in again; is another program using it?')]
+        return [Finding(AREA, 'error', 'no images arrive', 'unplug it and plug it in again; is another program using it?')]
     rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
     height, width = images[-1].shape[:2]
     found = []

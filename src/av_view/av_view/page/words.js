@@ -36,7 +36,7 @@ function reasonWords(bearing, fusion) {
     .replace(/(heard|seen) at ([+-]?\d+) deg, judged not a drone \((0?\.\d+|1\.0*|0)\)/, (_, sense, azimuth, p) => `${sense} at ${azimuth}° and not followed: a drone to ${percent(Number(p))} only`)
     .replace(/^sight confidence [\d.]+ >= [\d.]+$/, '')
     .replace(/sight confidence ([\d.]+) < ([\d.]+)/, (_, score, least) => `seen to ${percent(Number(score))}, ${percent(Number(least))} are needed`)
-    .replace('no recent image', 'no recent picture').replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard just now')
+    .replace('no recent image', 'no recent image').replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard recently')
     .replace(/(\S+) has (\d+) publishers \(([^)]*)\)/g, (_, topic, count, names) => `${INPUTS[topic] ?? topic} come from ${count} programs (${names}) and are not used`);
   const missing = fusion.missing.map(name => INPUTS[name] ?? name);
   return [reason, missing.length ? `${listed(missing)} ${missing.length > 1 || /^d/.test(missing[0]) ? 'are' : 'is'} missing` : ''].filter(Boolean).join('; ');
@@ -46,11 +46,11 @@ function reasonWords(bearing, fusion) {
 function targetWords(track) {
   const senses = track.source.map(name => SENSES[name]), type = (track.name ?? '').replaceAll('_', ' '), name = nameOf(track);
   const where = `${senses.length ? listed(senses) : 'predicted'} at ${signed(track.azimuth ?? 0, 0)}°${track.range ? `, ${Math.round(track.range)} m` : ''}`;
-  const drone = track.drone === null ? 'not known yet whether it is a drone' : `a drone to ${percent(track.drone)}`;
+  const drone = track.drone === null ? 'not yet classified' : `a drone to ${percent(track.drone)}`;
   return `${name}${type && !name.startsWith(type) && type !== 'drone' ? ` (${type})` : ''}: ${where}; ${track.selected ? 'followed' : 'not followed'}, ${drone}`;
 }
 
-const COMMANDS = { hold: 'Stands still', track: 'Follows', search: 'Turns to tell front from back', look: 'The gimbal looks where the camera decides most' };
+const COMMANDS = { hold: 'Stands still', track: 'Follows', search: 'Rotates to resolve front and back', look: 'The gimbal searches' };
 function commandWords(command) {
   if (!command) return 'No commands.';
   const parts = [command.pan === null ? '' : `gimbal at ${signed(command.pan, 0)}°, ${signed(command.tilt, 0)}°`, command.yaw_rate ? `body turns at ${signed(command.yaw_rate, 0)}°/s` : ''].filter(Boolean);
@@ -59,23 +59,23 @@ function commandWords(command) {
 
 // What may move, by what pointing_node is configured to command; null while it has not said so.
 function whatMoves(configured) {
-  if (configured === undefined || configured === null) return 'the gimbal and the body of the rig (it has not said yet what it is configured to move)';
+  if (configured === undefined || configured === null) return 'the gimbal and the body of the rig (its configuration is not known yet)';
   return configured === 'nothing' ? null : configured;
 }
 
 // What is asked before something may move; the words follow from the configuration, never from the newest command.
 function askWords(action, configured, target = '') {
   const moves = whatMoves(configured), end = 'Is everybody clear of it?';
-  if (moves === null) return 'Nothing of this rig is configured to move (move_gimbal and move_body of pointing_node are off). Let commands pass all the same?';
+  if (moves === null) return 'Nothing of this rig is configured to move (move_gimbal and move_body of pointing_node are false). Enable commands nevertheless?';
   const what = { enable: `From now on this moves by itself towards the target: ${moves}.`,
-    turn: `The body of the rig turns by itself until front and back are told apart, for 10 s at most: ${moves}.`,
+    turn: `The body of the rig rotates by itself until front and back are resolved, for 10 s at most: ${moves}.`,
     select: `This moves towards ${target}: ${moves}.` }[action];
   return `${what} ${end}`;
 }
 
 function healthWords(nodes) {
   const bad = nodes.filter(node => node.level !== 'ok');
-  return !nodes.length ? 'no node reports' : !bad.length ? `all ${nodes.length} parts are well` : `${bad.length} of ${nodes.length} parts need a look`;
+  return !nodes.length ? 'no node reports' : !bad.length ? `all ${nodes.length} nodes are OK` : `${bad.length} of ${nodes.length} nodes need attention`;
 }
 
 // A node's name for people, and what it says about inputs that it refuses.
