@@ -21,6 +21,7 @@ from av_bags.reader import Bag
 from av_bags.topics import Found, absolute, find_topics
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.camera import PinholeCamera
+from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
@@ -285,8 +286,8 @@ class Replay:
             tolerance = self._fusion.settings.clock_tolerance
             for name, count in self._fusion.gate.foreign_stamps.items():
                 if count:
-                    self._lose(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
-                               "bag's time")
+                    self._lose(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s before "
+                               f"the bag's time, or {FUTURE_S:g} s after it")
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
 
+from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
@@ -169,8 +170,8 @@ class FusionNode(RigNode):
         if any(foreign.values()):
             status.mergeSummary(
                 DiagnosticStatus.ERROR, f'{sum(foreign.values())} stamps more than '
-                f"{self._stage.settings.clock_tolerance:.0f} s off this node's clock: set use_sim_time alike on all nodes, "
-                'or synchronise the clocks')
+                f"{self._stage.settings.clock_tolerance:.0f} s before this node's clock, or {FUTURE_S:g} s after it: set "
+                'use_sim_time alike on all nodes, or synchronise the clocks')
             foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
