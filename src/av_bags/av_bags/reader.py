@@ -88,10 +88,13 @@ class Bag(AbstractContextManager['Bag']):
         self._problems.update(dict.fromkeys(parts.lost))
         self._parts = parts
         connections = [c for reader in self._readers for c in reader.connections if self._is_readable(c)]
-        counts: Counter[str] = Counter()
+        counts: Counter[tuple[str, str]] = Counter()
         for connection in connections:
-            counts[connection.topic] += connection.msgcount
-        self.topics = {c.topic: Topic(c.topic, _kind_of(c), counts[c.topic]) for c in connections}
+            counts[connection.topic, _kind_of(connection)] += connection.msgcount
+        most = {topic: Topic(topic, kind, count) for (topic, kind), count in reversed(counts.most_common())}
+        self.topics = {topic: most[topic] for topic, _ in counts}
+        self._problems |= {f'{topic}: {count} messages of {kind} are not read, most are {self.topics[topic].kind}': None
+                           for (topic, kind), count in counts.items() if kind != self.topics[topic].kind}
         self._definitions = {_kind_of(c): found for c in connections if (found := _usable(_kind_of(c), c.msgdef)) is not None}
         if not counts.total():
             self._opened.close()
@@ -317,7 +320,8 @@ class Bag(AbstractContextManager['Bag']):
         return Path(self._opened.enter_context(TemporaryDirectory(prefix='bag_')))
 
     def _rows(self, reader: Reader, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[Row]:
-        wanted = [c for c in reader.connections if c.topic in self.topics and (topics is None or c.topic in topics)]
+        wanted = [c for c in reader.connections if c.topic in self.topics and (topics is None or c.topic in topics)
+                  and _kind_of(c) == self.topics[c.topic].kind]
         if wanted:  # rosbags takes an empty list for all connections
             for connection, time_ns, data in reader.messages(wanted, start_ns, stop_ns):
                 yield connection.topic, time_ns, message(data) if self._parts.by_message else data

@@ -122,6 +122,16 @@ def test_one_bad_file_costs_only_its_own_messages(tmp_path, storage, content, ba
         assert [problem for problem in bag.problems if file.name in problem]
 
 
+def test_a_topic_of_two_types_has_that_of_most_messages(tmp_path):
+    rows = recorded(4.0)
+    others = [('/odometry', time_ns, message) for topic, time_ns, message in rows[:30] if topic == '/doa']
+    path = folder_of(tmp_path / 'bag', [rows, others])
+    with Bag(path) as bag:
+        feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
+        assert len(list(feed)) == len(rows) and not feed.problems
+        assert bag.problems == [f'/odometry: {len(others)} messages of av_interfaces/msg/DoaArray are not read, most are {make.ODOMETRY}']
+
+
 def test_names_in_metadata_may_be_given_twice_and_of_another_system(tmp_path):
     rows = recorded()
     path = folder_of(tmp_path / 'bag', [rows[:150], rows[150:]], listed=[0, 1, 1])
