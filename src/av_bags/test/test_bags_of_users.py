@@ -129,7 +129,8 @@ def test_a_topic_of_two_types_has_that_of_most_messages(tmp_path):
     with Bag(path) as bag:
         feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
         assert len(list(feed)) == len(rows) and not feed.problems
-        assert bag.problems == [f'/odometry: {len(others)} messages of av_interfaces/msg/DoaArray are not read, most are {make.ODOMETRY}']
+        assert bag.problems == [f'/odometry: {len(others)} messages of av_interfaces/msg/DoaArray are not read, '
+                                f'most are {make.ODOMETRY}']
 
 
 def test_names_in_metadata_may_be_given_twice_and_of_another_system(tmp_path):
