@@ -67,7 +67,7 @@ class Parts:
     def _of_folder(self) -> list[Path]:
         """The files of a folder. Hidden ones are none: macOS writes a `._NAME` beside each file on disks of other systems."""
         there = sorted(file for file in self._path.iterdir() if not file.name.startswith('.') and (
-            file.suffix in SUFFIXES or (file.suffix == COMPRESSED and Path(file.stem).suffix in SUFFIXES)))
+            file.suffix.lower() in SUFFIXES or (file.suffix == COMPRESSED and Path(file.stem).suffix in SUFFIXES)))
         listed = self._listed()
         if listed is None:
             if not there:
@@ -112,6 +112,6 @@ def _check_kind(path: Path, named: Path | None = None) -> None:
         raise BagError(f'{named} is empty: 0 bytes')
     if kind == 'ros1':
         raise BagError(f'{named} is a bag of ROS 1; convert it with: rosbags-convert --src {named} --dst FOLDER')
-    if kind is None or kind != SUFFIXES.get(path.suffix):
+    if kind is None or kind != SUFFIXES.get(path.suffix.lower()):
         content = kind or 'neither mcap nor sqlite3'
         raise BagError(f'{named} is no bag: its content is {content}, expected a .mcap or .db3 file or a folder of them')

@@ -294,7 +294,7 @@ class Bag(AbstractContextManager['Bag']):
                     sum(chunk.channel_count.values()) for chunk in storage.chunks):
                 raise BagError('chunks without an index')    # whose messages rosbags would leave out
         except Exception:
-            if path.suffix != '.mcap':
+            if path.suffix.lower() != '.mcap':
                 raise
             reader = self._salvaged(path)
         return reader
@@ -306,8 +306,9 @@ class Bag(AbstractContextManager['Bag']):
         return self._opened_reader(copy)
 
     def _opened_reader(self, path: Path) -> Reader:
-        if path.suffix == '.db3' and not _IN_ADDRESSES.isdisjoint(str(path)):    # rosbags opens it by an address
-            link = self._new_folder() / 'bag.db3'
+        suffix = path.suffix.lower()    # rosbags knows files by it, and opens databases by an address
+        if suffix != path.suffix or (suffix == '.db3' and not _IN_ADDRESSES.isdisjoint(str(path))):
+            link = self._new_folder() / f'bag{suffix}'
             link.symlink_to(path.absolute())
             path = link
         reader = Reader(path)

@@ -330,5 +330,8 @@ def test_the_folders_of_the_field(name):
 def test_a_file_may_have_any_name(tmp_path, storage, name):
     rows = recorded(1.0)
     file = write(tmp_path / 'bag', rows, storage)
-    with Bag(file.rename(tmp_path / f'{name}{file.suffix}')) as bag:
+    file = file.rename(tmp_path / f'{name}{file.suffix}')
+    with Bag(file) as bag:
+        assert list(bag.messages()) == keys(rows)
+    with Bag(file.rename(tmp_path / f'{name}{file.suffix.upper()}')) as bag:    # of a FAT disk
         assert list(bag.messages()) == keys(rows)
