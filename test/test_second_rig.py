@@ -157,7 +157,7 @@ def test_the_tutorial(tmp_path, monkeypatch):
     begin, rigs = str(time.time() + 10.0), []
     for command in commands:
         arguments = [word.replace('$begin', begin) for word in command.split() if not word.startswith('port_offset')]
-        rigs.append(RigProcess(*arguments, f'port_offset:={free_offset()}', 'oracle:=true', 'duration:=20',
+        rigs.append(RigProcess(*arguments, f'port_offset:={free_offset()}', 'oracle:=true', 'duration:=25',
                                domain=rigs[0].domain if rigs else None))
     for rig in rigs:
         assert rig.finish() == 0, rig.output

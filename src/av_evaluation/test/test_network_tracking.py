@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def test_bounds_of_the_nees_hold_in_95_percent():
 
 def test_headings_and_clocks_are_found():
     """Headings within 0.5 deg; clocks as far as their stated deviations say."""
-    simulation = cases.wrong_clocks(21)
+    simulation = replace(cases.wrong_clocks(21), duration=41.0)
     peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
     run(peer, simulation)
     for index, rig in enumerate(simulation.rigs):
