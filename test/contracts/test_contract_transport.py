@@ -71,7 +71,6 @@ def test_a_third_of_the_messages_may_be_lost(contract):
              at_most('names of the target', names(lossy), 1))
 
 
-@pytest.mark.xfail(strict=False, reason='images that come twice: 1.43 times the error of single ones')
 def test_a_message_that_comes_twice_counts_once(contract):
     """The same stamp again is no new information: neither the bearing nor its variance change."""
     errors, variances = [], []

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import NoiseRecording
-from av_audio.ego_rotors import find_blade_pass, notch
+from av_audio.ego_rotors import notch
 from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.lost_phase import has_lost_phases
@@ -39,7 +39,6 @@ class LocalizerSettings:
         method: name of the estimator, one of METHODS or of another package (see `methods.py`).
         temperature_c (degrees Celsius): temperature of the air, for the speed of sound.
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
-        estimated_rotors: number of the rig's own rotors whose speeds are estimated from the sound and notched, 0 to 16.
         wideband: whether `ml` also uses phases above the band, as high as spacing and sample rate allow.
         max_sources: largest number of sources in one window, 1 to MOST_SOURCES.
 
@@ -52,7 +51,6 @@ class LocalizerSettings:
     method: str = 'ml'
     temperature_c: float = 20.0
     elevation_deg: tuple[float, float] = (0.0, 90.0)
-    estimated_rotors: int = 0
     wideband: bool = True
     max_sources: int = 2
 
@@ -62,8 +60,6 @@ class LocalizerSettings:
         if not 0.001 <= self.hop_s <= 60.0:
             raise ValueError(f'hop_s={self.hop_s}, expected 0.001..60 s')
         DOA_METHODS.check(self.method)
-        if not 0 <= self.estimated_rotors <= 16:
-            raise ValueError(f'estimated_rotors={self.estimated_rotors}, expected 0..16')
         if not 1 <= self.max_sources <= MOST_SOURCES:
             raise ValueError(f'max_sources={self.max_sources}, expected 1..{MOST_SOURCES}')
         low, high = self.band_hz
@@ -216,7 +212,8 @@ class Localizer:
             if not peaks:
                 return self._nothing(centre, level)
             return self._estimates_of(peaks, window, centre, level)
-        peaks = self._estimator.peaks(self._without_ego_rotors(spectra), self.settings.max_sources)
+        free = notch(self._analyzer.frequencies, self.blade_pass_hz)
+        peaks = self._estimator.peaks(spectra * free, self.settings.max_sources)
         return self._estimates_of(peaks, window, centre, level)
 
     def _nothing(self, centre: float, level: float) -> DoaEstimate:
@@ -247,16 +244,6 @@ class Localizer:
             confidence=np.full(count, self._confidence(peak, window)), group=np.full(count, group),
             end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
             cosine=cosine, cosine_variance=cosine_variance)
-
-    def _without_ego_rotors(self, spectra: NDArray) -> NDArray:
-        """Spectra (m, k) with zeros at the harmonics of the rig's own rotors."""
-        frequencies = self._analyzer.frequencies
-        blade_pass = self.blade_pass_hz
-        if self.settings.estimated_rotors:
-            power = np.mean(np.abs(spectra) ** 2, axis=0)
-            found = find_blade_pass(frequencies, power, self.settings.estimated_rotors)
-            blade_pass = np.concatenate([blade_pass, found])
-        return spectra * notch(frequencies, blade_pass) if len(blade_pass) else spectra
 
     def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):

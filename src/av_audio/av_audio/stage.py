@@ -194,8 +194,7 @@ def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:
         'window_s': parameters.window, 'hop_s': parameters.hop, 'band_hz': (parameters.band_low, parameters.band_high),
         'method': parameters.method, 'wideband': parameters.wideband, 'max_sources': parameters.max_sources,
         'temperature_c': parameters.temperature,
-        'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg),
-        'estimated_rotors': parameters.ego_rotor_count if parameters.ego_rotors == 'estimated' else 0}
+        'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg)}
     return LocalizerSettings(**{**given, **changes})
 
 

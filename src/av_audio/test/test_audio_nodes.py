@@ -253,7 +253,7 @@ def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
 
 
 @pytest.mark.parametrize('old, new', [('own_noise', 'ego_noise'), ('own_rotors', 'ego_rotors'),
-                                      ('own_rotor_count', 'ego_rotor_count'), ('own_rotor_blades', 'ego_rotor_blades')])
+                                      ('own_rotor_blades', 'ego_rotor_blades')])
 def test_old_names_of_parameters_are_refused_with_the_new_one(rig, old, new):
     with pytest.raises(ValueError, match=f'{old} is now named {new}'):
         rig.add(DoaNode, **{old: 1})

@@ -21,7 +21,7 @@ def check(array=PAIR, **values):
 @pytest.mark.parametrize('values', [
     {}, {'method': 'phat'}, {'method': 'music'}, {'method': 'mvdr'}, {'method': 'plain'}, {'wideband': False},
     {'window': 0.1, 'hop': 0.05}, {'window': 1.5}, {'band_low': 1000.0, 'band_high': 8000.0}, {'max_sources': 4},
-    {'elevation_min_deg': -90.0}, {'ego_rotors': 'estimated'}, {'temperature': -40.0}])
+    {'elevation_min_deg': -90.0}, {'temperature': -40.0}])
 def test_what_hears_is_accepted(array, values):
     check(array, **values)
 

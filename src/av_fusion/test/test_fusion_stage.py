@@ -232,7 +232,7 @@ def test_an_unknown_attitude_is_ignored():
     unknown.pose.pose.orientation.w = 0.0
     stage.on_odometry(unknown, START + 0.1)
     for k in range(5):
-        bearing = stage.on_doa(doa(START, 0.2), START + 0.1 * k).bearing
+        bearing = stage.on_doa(doa(START + 0.1 * k, 0.2), START + 0.1 * k).bearing
     assert bearing.azimuth_world - bearing.azimuth == pytest.approx(1.0)
 
 

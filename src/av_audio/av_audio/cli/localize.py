@@ -40,16 +40,13 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='phases above the band, for the method ml (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
-    parser.add_argument('--ego-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
-                        help='number of own rotors whose harmonics are found in the sound and notched (default: %(default)s)')
     parser.add_argument('--ego-noise', metavar='FILE', help='sound file of the rig alone, whose noise is whitened')
 
 
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
     """Settings from the options of `add_localizer_arguments`. Raises ValueError."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
-                             method=arguments.method, wideband=arguments.wideband, temperature_c=arguments.temperature,
-                             estimated_rotors=arguments.ego_rotors)
+                             method=arguments.method, wideband=arguments.wideband, temperature_c=arguments.temperature)
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),

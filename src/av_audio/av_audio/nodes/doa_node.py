@@ -27,12 +27,13 @@ class DoaNode(RigNode):
     """Subscribes to `audio/frames` and publishes `doa`. Frames that do not fit are refused."""
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors', 'own_rotor_blades': 'ego_rotor_blades',
-        'own_rotor_count': 'ego_rotor_count'}
+        'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors', 'own_rotor_blades': 'ego_rotor_blades'}
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys(
+        ('ego_rotor_count', 'own_rotor_count'), 'rotors are no longer estimated from the sound: record them (ego_noise)')
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
         'method', 'window', 'hop', 'band_low', 'band_high', 'wideband', 'max_sources', 'temperature', 'elevation_min_deg',
-        'elevation_max_deg', 'ego_rotor_count'})
+        'elevation_max_deg'})
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('doa_node', parameters, **kwargs)

@@ -19,6 +19,7 @@ from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.hearing.signals import RATE, Source, add_noise
 
+OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
 T60_S = (0.2, 0.7)
 SPACING_M = (0.1, 0.2)
@@ -88,8 +89,12 @@ def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
 
 
 def at_ears(sound: NDArray, response: Sequence[NDArray] | NDArray) -> NDArray:
-    """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,)."""
-    return np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
+    """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,).
+
+    With the noise of the microphones: without it equal responses, straight ahead, make equal channels, as a copied one is.
+    """
+    clean = np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
+    return clean + OWN_NOISE * clean.std() * np.random.default_rng(0).normal(size=clean.shape)
 
 
 def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray]) -> MicrophoneArray:

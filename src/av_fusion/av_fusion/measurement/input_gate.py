@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Mapping
 
 from av_common.freshness import FUTURE_S
 
+REMEMBERED = 64  # stamps of an input: a middleware or a network that sends a message twice does so soon
+
 
 class InputGate:
-    """Refuses messages of another clock, and those of an input that has a second publisher.
+    """Refuses messages of another clock, those that come again, and those of an input that has a second publisher.
 
     Attributes:
         foreign_stamps: number of messages that were refused because of their stamps, by input.
@@ -24,6 +27,7 @@ class InputGate:
     def __init__(self, names: Iterable[str], tolerance: float) -> None:
         self._arrivals = dict.fromkeys(names, -math.inf)
         self._tolerance = tolerance
+        self._stamps: dict[str, deque[float]] = {name: deque(maxlen=REMEMBERED) for name in self._arrivals}
         self.foreign_stamps = dict.fromkeys(self._arrivals, 0)
         self.contested: Mapping[str, list[str]] = {}
 
@@ -39,13 +43,16 @@ class InputGate:
         if not -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S):
             self.foreign_stamps[name] += 1
             return False
-        if name in self.contested:
+        if name in self.contested or stamp in self._stamps[name]:  # the same capture again is no new information
             return False
+        self._stamps[name].append(stamp)
         self._arrivals[name] = arrival
         return True
 
     def restart(self) -> None:
-        """Forget when messages arrived, as the clock has stepped back."""
+        """Forget what arrived, as the clock has stepped back."""
+        for stamps in self._stamps.values():
+            stamps.clear()
         self._arrivals = dict.fromkeys(self._arrivals, -math.inf)
 
     def silent(self, now: float, after: float) -> list[str]:

@@ -290,20 +290,23 @@ class GaussianComponent:
         scale = math.sqrt(2.0 * max(found.azimuth_variance, 1e-12))
         return 0.5 * (math.erf((0.5 * math.pi - found.azimuth) / scale) + math.erf((0.5 * math.pi + found.azimuth) / scale))
 
-    def predict_hidden(self, time: float, visibility: float) -> None:
+    def predict_hidden(self, time: float, visibility: float, is_known: bool) -> None:
         """Predict the probability that the target is hidden to the time of an image.
 
         What hides a target changes slowly, over OCCLUSION_S: a hundred images without it are hardly more evidence than one.
         Also in clear air something near hides it for the share OCCLUDED of the time, which bounds what an empty view can tell.
 
+        A target that an image has shown was not hidden then; where the visibility is unknown, the same law hides it later.
+
         Parameters:
             time (s): capture time of the image.
             visibility: visibility of the image, 0..1.
+            is_known: whether that is known, and bounds what this image shows, or assumed.
         """
         usual, kept = 1.0 - (1.0 - OCCLUDED) * visibility, 1.0
         if time > self.hidden_time:
             kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
-        self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual else usual
+        self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual or not is_known else usual
 
     def missed_detection(self, chance: float) -> float:
         """Probability that an image does not show the target, where one that is not hidden is detected with `chance`."""

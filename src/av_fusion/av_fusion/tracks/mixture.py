@@ -99,6 +99,7 @@ class GaussianMixture:
         for component in self.components:
             component.newest_doa, component.newest_sighting = (max(component.newest_doa, heard),
                                                                max(component.newest_sighting, seen))
+            component.hidden_time = max(component.hidden_time, seen)
 
     def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """Weigh the components among each other by where others say that a target is.

@@ -24,6 +24,7 @@ class Image(NamedTuple):
         directions: those of the detections in the world.
         view: axes of the camera in the world.
         visibility: 0..1, known or assumed.
+        is_known: whether it was stated with the image.
         fraction: effective sample fraction.
     """
 
@@ -32,14 +33,16 @@ class Image(NamedTuple):
     directions: Sequence[WorldDirection]
     view: Sequence[Vector]
     visibility: float
+    is_known: bool
     fraction: float
 
     @classmethod
     def of(cls, time: float, measurement: CameraMeasurement, attitude: Rows, visibility: float, fraction: float) -> Image:
         """The image turned into the world by the rig's attitude of its time; `visibility` where it has none."""
+        is_known = math.isfinite(measurement.visibility)
         return cls(time, measurement, [WorldDirection.of(detection, attitude) for detection in measurement.detections],
                    [turned(attitude, axis) for axis in zip(*measurement.view, strict=True)],
-                   measurement.visibility if math.isfinite(measurement.visibility) else visibility, fraction)
+                   measurement.visibility if is_known else visibility, is_known, fraction)
 
 
 class SightComparison(NamedTuple):
