@@ -76,7 +76,7 @@ def checked(command, limits, before, dt):
     return rates
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(STEPS, st.booleans())
 def test_no_sequence_of_messages_moves_what_must_stand(steps, move_gimbal):
     """Moving, repeated, restamped, future and old stamps, absurd values, gaps of odometry, steps of the clock."""

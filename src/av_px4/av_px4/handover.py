@@ -33,6 +33,10 @@ class VehicleStatus:
     intended: int | None = None
     activated: int = 0
 
+    def overrides(self, mode: int) -> bool:
+        """Whether PX4 overrides this mode in a failsafe, which would end in Hold if the mode was unregistered."""
+        return self.armed and self.intended == mode != self.nav_state
+
 
 class Handover:
     """Knows which modes the pilot has selected since this rig began to serve them, and since the last failsafe.

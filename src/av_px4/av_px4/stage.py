@@ -129,12 +129,13 @@ class Px4Stage:
         self._now = now
 
     def stop(self, now: Instant) -> list[Outgoing]:
-        """The messages that stop the motion, release the gimbal and unregister the external mode."""
+        """The messages that stop the motion, release the gimbal and unregister the external mode, except in its failsafe."""
         self._now = now
         out = [self._setpoint(0.0)] if self.decision.setpoint else []
         out += self._commands(self.gimbal.release())
-        if self.mode and self.mode.registration:
-            out.append(self._out('unregister_ext_component', px4.unregister_message, self.mode.registration))
+        registration = self.mode.registration if self.mode else None
+        if self.mode and registration and not (self._status and self._status.overrides(registration.mode_id)):
+            out.append(self._out('unregister_ext_component', px4.unregister_message, registration))
             self.mode.forget('stopped')
         return out
 

@@ -175,9 +175,9 @@ def check(stale, time, command, last):
 
 
 def test_no_history_points_wrongly():
-    """10,000 random histories: within angle, rate and acceleration, still 0.3 s after staleness, and it recovers."""
+    """3,000 random histories: within angle, rate and acceleration, still 0.3 s after staleness, and it recovers."""
     rng, pointed = np.random.default_rng(11), 0
-    for number in range(10_000):
+    for number in range(3_000):
         chance, last = Chance(rng, 30), None
         for stale, sent in chance.run():
             for time, command in sent:
@@ -188,4 +188,4 @@ def test_no_history_points_wrongly():
             chance.bench.autopilot.change_mode(HOLD, 'the pilot')
             chance.bench.run(7.0, pan=0.4, tilt=0.1)
             assert chance.bench.looks == pytest.approx((math.degrees(0.4), math.degrees(0.1)), abs=0.1)
-    assert pointed > 50_000
+    assert pointed > 15_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from fake_autopilot import HOLD, OFFBOARD, POSITION, RETURN
+from fake_autopilot import HOLD, LAND, OFFBOARD, POSITION, RETURN
 from flight_bench import Flight, Program
 from px4_layouts import FIRMWARES
 
@@ -52,8 +52,8 @@ def in_offboard(firmware='1.17', **settings):
 class TestOthers:
     """A program of the user that flies in OFFBOARD at 2 m/s."""
 
-    @pytest.mark.parametrize('firmware', FIRMWARES)
-    @pytest.mark.parametrize('settings', [{}, {'turn_body': False}, {'offboard': True}], ids=str)
+    @pytest.mark.parametrize(('firmware', 'settings'), [
+        ('1.17', {}), ('1.17', {'turn_body': False}), *((firmware, {'offboard': True}) for firmware in FIRMWARES)], ids=str)
     def test_it_flies_as_if_the_rig_was_not_there_and_px4_notices_its_death(self, firmware, settings):
         """Also with pointing enabled, and where the rig was asked to take part in OFFBOARD."""
         flight = Flight(firmware, **settings)
@@ -105,8 +105,7 @@ class TestOthers:
 class TestConsent:
     """A failsafe ends in PX4 as soon as heartbeats come again; the rig must not be the reason."""
 
-    @pytest.mark.parametrize('firmware', FIRMWARES)
-    @pytest.mark.parametrize('dead', [0.3, 2.4])
+    @pytest.mark.parametrize(('firmware', 'dead'), [('1.17', 0.3), *((firmware, 2.4) for firmware in FIRMWARES)])
     def test_a_new_process_waits_for_the_pilot_in_offboard(self, firmware, dead):
         """Killed and started again, before or after PX4 has noticed."""
         flight = in_offboard(firmware)
@@ -121,8 +120,7 @@ class TestConsent:
         flight.run(2.5, **TURN)
         assert flight.model.yaw_rate == RATE
 
-    @pytest.mark.parametrize('firmware', OWN)
-    @pytest.mark.parametrize('known', [True, False])
+    @pytest.mark.parametrize(('firmware', 'known'), [('1.17', False), *((firmware, True) for firmware in OWN)])
     def test_a_new_process_waits_for_the_pilot_in_the_own_mode(self, firmware, known):
         """Whether or not it knows what the former one had registered."""
         flight = in_own_mode(firmware)
@@ -159,6 +157,42 @@ class TestConsent:
         assert left or flight.model.yaw_rate == RATE
         assert stall == 0.9 or left == (stall > 1.0)    # PX4 waits 1 s and 1.2 s, the rig 0.1 s and more
 
+    def test_a_shutdown_in_a_failsafe_ends_no_failsafe(self):
+        """PX4 would hold, if the mode that the pilot has selected was unregistered."""
+        flight = in_own_mode()
+        flight.silent = {'vehicle_local_position'}
+        flight.run(4.0, **TURN)
+        assert flight.model.nav_state == RETURN
+        flight.send(flight.rig.stop(flight.now))
+        assert flight.rig.mode.registration
+        flight.rig = None
+        flight.run(3.0)
+        assert flight.model.nav_state == RETURN and flight.model.failsafe
+
+    @pytest.mark.parametrize('own', ['agent', 'PX4'])
+    def test_the_mode_is_registered_once_whatever_restarts(self, own):
+        """In Hold: the agent is away for 6 s, or PX4 starts anew and knows of nothing."""
+        flight = Flight()
+        assert flight.run(10.0, until=lambda flight: flight.own_mode)
+        flight.run(1.0)
+        if own == 'agent':
+            flight.linked = False
+            flight.run(6.0)
+            flight.linked = True
+        else:
+            flight.model.modes.clear()
+        flight.run(10.0)
+        model = flight.model
+        assert model.granted == 2 and model.most_modes == 1 and [mode.nav_state for mode in model.modes.values()] == [23]
+
+    def test_a_killed_process_leaves_no_more_than_the_failsafe_lets_turn(self):
+        """From 25 deg/s: PX4 turns on for 1.0 s, then by 0.5 s of the rate."""
+        flight, turn = in_offboard(), {'yaw_rate': math.radians(25.0)}
+        flight.run(2.0, **turn)
+        flight.rig, turned = None, flight.model.turned
+        flight.run(4.0)
+        assert flight.model.yaw_rate == 0.0 and 25.0 < abs(math.degrees(flight.model.turned - turned)) < 38.0
+
     @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
     def test_any_failsafe_ends_what_the_pilot_had_handed_over(self, begin):
         """Such as that of a battery: it is over, and the vehicle is back in the mode, but the rig is not."""
@@ -194,13 +228,40 @@ class TestPilot:
     """He is obeyed at once, and what he has is what he selected."""
 
     @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
-    @pytest.mark.parametrize('firmware', OWN)
-    def test_when_he_selects_another_mode_nothing_is_sent_any_more(self, begin, firmware):
+    @pytest.mark.parametrize(('firmware', 'mode'), [
+        ('1.16', HOLD), ('1.16', POSITION), ('1.16', RETURN), ('1.16', LAND), ('1.18', POSITION)])
+    def test_when_he_selects_another_mode_nothing_is_sent_any_more(self, begin, firmware, mode):
+        """PX4 1.16 would obey it in any mode."""
         flight = begin(firmware)
-        flight.model.change_mode(POSITION, 'the pilot')
+        flight.model.change_mode(mode, 'the pilot')
         left = flight.time + 0.1
-        flight.run(3.0, **TURN)
+        flight.run(2.0, **TURN)
         assert not flight.of('trajectory_setpoint', left) and flight.model.setpoints_in_foreign_modes == 0
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_modes_that_change_faster_than_status_comes(self, begin):
+        """He takes over for a moment, by his sticks say, and hands over again: each counts."""
+        flight = begin()
+        mode = flight.model.nav_state
+        for away in (0.01, 0.03, 0.1, 0.3):
+            flight.model.change_mode(POSITION, 'the pilot')
+            left = flight.time
+            flight.run(away, **TURN)
+            assert not flight.of('trajectory_setpoint', left + 0.02)
+            assert flight.model.select_mode(mode)
+            flight.run(2.5, **TURN)
+            assert flight.model.yaw_rate == RATE and flight.model.nav_state == mode
+
+    @pytest.mark.parametrize('missing', ['status', 'local_position', 'command_ack', 'attitude odometry'])
+    def test_what_goes_stale_stops_it_and_moves_it_when_it_is_back_and_he_wants_it(self, missing):
+        flight = in_offboard()
+        flight.silent = {f'vehicle_{name}' for name in missing.split()}
+        flight.run(4.0, **TURN)
+        assert flight.model.yaw_rate == 0.0
+        flight.silent = set()
+        assert select(flight, HOLD) and select(flight, OFFBOARD)
+        flight.run(2.5, **TURN)
+        assert flight.model.yaw_rate == RATE
 
     @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
     def test_pointing_that_is_disabled_in_flight_holds_the_vehicle(self, begin):

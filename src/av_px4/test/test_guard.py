@@ -22,7 +22,7 @@ from av_px4.guard import (
 )
 from av_px4.handover import OFFBOARD, VehicleStatus, others_that_steer, steers
 
-SEQUENCES, STEPS = 5_000, 60
+SEQUENCES, STEPS = 2_000, 60
 MODES = (2, 4, 5, 14, 14, 14, 18, 23, 23, 24)
 STREAMS = ('status', 'attitude', 'position', 'command', 'bearing')
 MAX_RATE = math.radians(30.0)

@@ -1,4 +1,4 @@
-"""px4_node against the fake autopilot, on PX4's topics, in the layout of every firmware."""
+"""px4_node against the fake autopilot, on PX4's topics: what process and graph add to the stage (test_good_guest.py)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 
 import pytest
 from fake_vehicle import FakeVehicle
-from px4_layouts import FIRMWARES
 from ros_domains import free_domain
 
 pytestmark = pytest.mark.system
@@ -36,9 +35,12 @@ def offered(state):
     return state['heartbeats'] > 100
 
 
-@pytest.mark.parametrize('vehicle', FIRMWARES, indirect=True)
-def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle):
-    """To the left is to the left, on every firmware; nothing leaves before the pilot hands over; all is given back."""
+@pytest.mark.parametrize('vehicle', ['1.14', '1.16', '1.18'], indirect=True)
+def test_gimbal_and_body_in_all_quadrants(vehicle):
+    """To the left is to the left; nothing leaves before the pilot hands over, and when he has what is his; all is given back.
+
+    The oldest firmware, which has no modes and tells no layouts, the one that obeys in any mode, and the newest.
+    """
     firmware_1_14, full = vehicle.firmware == '1.14', vehicle.firmware == '1.16'
     node = vehicle.node(offboard='true', **({'gimbal.need_ack': 'false'} if firmware_1_14 else {}))
     for pan, tilt in ((40.0, 25.0), (-130.0, -20.0), (130.0, 25.0), (-40.0, -20.0))[:4 if full else 2]:
@@ -60,25 +62,22 @@ def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle
         vehicle.wait(lambda state: state['nav_state'] == 4)
     vehicle.stop_node(node)
     state = vehicle.wait(lambda state: state['owner'] is None and not state['modes'], why='gimbal and mode given back')
-    assert not [event for event in state['events'] if event.startswith('a setpoint')]
+    assert not [event for event in state['events'] if event.startswith('a setpoint')] and state['foreign'] == 0
 
 
-@pytest.mark.parametrize('vehicle', ['1.16', '1.18'], indirect=True)
+@pytest.mark.parametrize('vehicle', ['1.18'], indirect=True)
 def test_beside_a_users_program_in_offboard_nothing_is_sent(vehicle):
-    """It flies at 2 m/s, whatever the rig was asked for; its death is noticed; the rig says who steers."""
+    """Whatever the rig was asked for; it says who steers."""
     vehicle.tell(program={'speed': 2.0}, point={'yaw_rate': 0.4, 'pan': 0.2})
     vehicle.wait(lambda state: state['nav_state'] == 4)
     vehicle.node(offboard='true')
     vehicle.wait(looks(math.degrees(0.2), 0.0), why='the gimbal is pointed all the same')
     vehicle.tell(pilot=14)
-    begin = vehicle.wait(lambda state: state['speed'] > 1.9 and state['position'][0] > 10.0, why='at its speed')
-    state = vehicle.wait(lambda state: state['position'][0] > begin['position'][0] + 10.0)
-    speed = (state['position'][0] - begin['position'][0]) / (state['time'] - begin['time'])
-    assert speed == pytest.approx(2.0, abs=0.1) and state['setpoints'] == state['heartbeats'] == 0
+    state = vehicle.wait(lambda state: state['speed'] > 1.9, why='at its speed')
     assert '/path_follower publishes /fmu/in/offboard_control_mode' in state['said']['state']
     vehicle.tell(program={'speed': 2.0, 'sends': False}, pilot=None)
-    vehicle.wait(lambda state: state['failsafe'] and state['nav_state'] == 5, why='PX4 notices')
-    assert vehicle.state['setpoints'] == vehicle.state['heartbeats'] == 0
+    state = vehicle.wait(lambda state: state['failsafe'] and state['nav_state'] == 5, why='PX4 notices')
+    assert state['setpoints'] == state['heartbeats'] == 0
 
 
 def test_after_a_crash_in_offboard_the_pilot_decides(vehicle, tmp_path):
@@ -93,7 +92,7 @@ def test_after_a_crash_in_offboard_the_pilot_decides(vehicle, tmp_path):
     vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': '1'}, offboard='true')
     vehicle.wait(lambda state: 'select another mode first' in state['said'].get('state', ''), why='waits for the pilot')
     start = vehicle.state['time']
-    state = vehicle.wait(lambda state: state['time'] > start + 3.0)
+    state = vehicle.wait(lambda state: state['time'] > start + 1.5)
     assert state['nav_state'] == 5 and (state['heartbeats'], state['setpoints']) == sent
     vehicle.tell(pilot=2)
     vehicle.wait(lambda state: state['nav_state'] == 2)
@@ -118,7 +117,7 @@ def test_fields_of_another_firmware_are_not_decoded():
 def test_two_vehicles_with_their_system_ids():
     """As PX4's multi-vehicle guide starts them: each has its own gimbal, its own mode, and its pilot."""
     domain = free_domain()
-    vehicles = [FakeVehicle('1.17', '--system', str(number + 1), domain=domain, namespace=f'px4_{number}') for number in (1, 2)]
+    vehicles = [FakeVehicle('1.18', '--system', str(number + 1), domain=domain, namespace=f'px4_{number}') for number in (1, 2)]
     try:
         for sign, vehicle in zip((1.0, -1.0), vehicles, strict=True):
             vehicle.tell(point={'yaw_rate': 0.4 * sign, 'pan': 0.5 * sign})
@@ -138,79 +137,17 @@ def test_two_vehicles_with_their_system_ids():
             vehicle.close()
 
 
-def test_motor_speeds_are_passed_on(vehicle):
-    vehicle.node()
-    vehicle.wait(lambda state: state['odometry'] is not None)
-    vehicle.tell(esc_rpm=[3000, 6000])
-    vehicle.wait(lambda state: vehicle.tell(esc_rpm=[3000, 6000]) or state['said'].get('motors'), why='motor_speeds')
-    assert vehicle.state['said']['motors'] == pytest.approx([100.0 * math.pi, 200.0 * math.pi])
-
-
-def test_a_vehicle_that_obeys_in_any_mode_is_sent_nothing_in_any_other(vehicle):
-    """In Hold, position control, return and landing, disarmed or in failsafe: not one setpoint beyond a mode's last moment."""
-    vehicle.node(offboard='true')
-    vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2})
-    vehicle.wait(offered)
-    vehicle.tell(pilot=14)
-    vehicle.wait(lambda state: state['yaw_rate'] < -0.3)
-    for mode in (4, 2, 5, 18):
-        vehicle.tell(pilot=mode)
-        start = vehicle.wait(lambda state, mode=mode: state['nav_state'] == mode)['time']
-        # the status of the new mode is on its way for a moment
-        seen = vehicle.wait(lambda state, start=start: state['time'] > start + 0.3)['setpoints']
-        state = vehicle.wait(lambda state, start=start: state['time'] > start + 1.5)
-        assert state['setpoints'] == seen, f'setpoints in mode {mode}'
-    vehicle.tell(pilot=14)
-    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='it turns again')
-    vehicle.tell(set={'armed': False})
-    vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='disarmed')
-    assert set(vehicle.state['commands']) <= {'1000', '1001'}
-
-
-def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle):
-    """Status, attitude, position, acknowledgements, bearing, command: without any one of them the vehicle stands still."""
-    vehicle.node(offboard='true')
-    point = {'yaw_rate': 0.4, 'pan': 0.2}
-    vehicle.tell(point=point)
-    vehicle.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
-    vehicle.tell(pilot=14)
-    for missing in ({'silence': ['vehicle_status']}, {'silence': ['vehicle_attitude', 'vehicle_odometry']},
-                    {'silence': ['vehicle_local_position']}, {'silence': ['vehicle_command_ack']},
-                    {'point': {**point, 'state': 0}}, {'point': None}):
-        vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why=f'turning before {missing}')
-        vehicle.tell(**missing)
-        vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why=f'still with {missing}')
-        vehicle.tell(silence=[], point=point, pilot=4)    # a failsafe of PX4, if there was one, is for the pilot to end
-        vehicle.wait(lambda state: state['nav_state'] == 4)
-        vehicle.tell(pilot=14)
-
-
-def test_return_to_launch_takes_the_gimbal_and_it_is_claimed_again(vehicle):
-    vehicle.node()
-    vehicle.tell(point={'pan': 0.5})
-    vehicle.wait(looks(math.degrees(0.5), 0.0))
-    vehicle.tell(pilot=5)
-    vehicle.wait(lambda state: state['owner'] is None and looks(0.0, 0.0)(state))
-    vehicle.tell(pilot=4)
-    vehicle.wait(lambda state: state['owner'] == OWN and looks(math.degrees(0.5), 0.0)(state))
-    vehicle.tell(set={'owner': [255, 190]})
-    vehicle.wait(lambda state: state['owner'] == OWN, why='claimed after a takeover')
-
-
-def test_a_heading_reset_does_not_turn_the_rig(vehicle):
-    """The odometry is continuous although PX4's heading jumps by 40 deg."""
+def test_what_px4_says_is_what_the_rig_hears(vehicle):
+    """Speeds of motors; and an odometry that is continuous although PX4's heading jumps by 40 deg."""
     vehicle.node()
     before = vehicle.wait(lambda state: state['odometry'] is not None)['odometry']
     assert before == pytest.approx(math.pi / 2 - vehicle.state['heading'], abs=0.01)
+    vehicle.wait(lambda state: vehicle.tell(esc_rpm=[3000, 6000]) or state['said'].get('motors'), why='motor_speeds')
+    assert vehicle.state['said']['motors'] == pytest.approx([100.0 * math.pi, 200.0 * math.pi])
     vehicle.tell(reset_heading=math.radians(40.0))
     start = vehicle.state['time']
-    vehicle.wait(lambda state: state['time'] > start + 1.0)
+    vehicle.wait(lambda state: state['time'] > start + 0.5)
     assert vehicle.state['odometry'] == pytest.approx(before, abs=0.01)
-    vehicle.tell(silence=['vehicle_odometry'])   # then the attitude is all there is
-    start = vehicle.state['time']
-    vehicle.wait(lambda state: state['time'] > start + 1.0)
-    vehicle.tell(set={'heading': -1.0})
-    vehicle.wait(lambda state: abs(state['odometry'] - before - 1.0) < 0.01, why='odometry of the attitude')
 
 
 @pytest.fixture
@@ -235,25 +172,15 @@ def test_topics_of_another_firmware_do_not_matter_unless_they_are_those_that_sen
     stale.wait(lambda state: 'px4_msgs' not in state['said']['diagnostics'] and 'not offered' not in state['said']['state'])
 
 
-def test_the_external_mode_is_registered_once_whatever_restarts(vehicle, tmp_path):
-    """Killed and started again, in flight: PX4 forgets nothing while armed. Then the agent, and then PX4 itself."""
+def test_the_external_mode_is_registered_once_though_the_node_is_killed(vehicle, tmp_path):
+    """And started again, in flight: PX4 forgets nothing while armed."""
     node = vehicle.node({'AV_RIG_RUN': str(tmp_path)})
-    for restart in ('1', '2'):
-        start = vehicle.wait(lambda state: state['modes'])['time']
-        vehicle.wait(lambda state, start=start: state['time'] > start + 0.5)
-        vehicle.kill_node(node)
-        node = vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': restart})
-        vehicle.wait(lambda state: not state['modes'], why='the former registration ended')
-        vehicle.wait(lambda state: state['modes'], why='registered again')
-    vehicle.tell(connected=False)
-    start = vehicle.state['time']
-    vehicle.wait(lambda state: state['time'] > start + 6.0)
-    vehicle.tell(connected=True)
-    vehicle.wait(lambda state: not state['modes'], why='the agent is back')
+    start = vehicle.wait(lambda state: state['modes'])['time']
+    vehicle.wait(lambda state: state['time'] > start + 0.5)
+    vehicle.kill_node(node)
+    vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': '1'})
+    vehicle.wait(lambda state: not state['modes'], why='the former registration ended')
     vehicle.wait(lambda state: state['modes'], why='registered again')
-    vehicle.tell(set={'modes': {}})
-    vehicle.wait(lambda state: not state['modes'])
-    vehicle.wait(lambda state: state['modes'], why='PX4 has started anew')
     assert vehicle.state['most_modes'] == 1 and list(vehicle.state['modes'].values()) == [['AV Track', 23]]
 
 

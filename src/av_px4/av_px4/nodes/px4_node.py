@@ -98,7 +98,8 @@ class Px4Node(RigNode):
         for _ in range(LAST_SENT):
             self._send(last)
             time.sleep(LAST_PERIOD_S)
-        self._kept_mode.keep(*NO_MODE)
+        if not (self._stage.mode and self._stage.mode.registration):
+            self._kept_mode.keep(*NO_MODE)
         self._outputs.pop(MOTORS_TOPIC, None)
         self._link.close()
 
