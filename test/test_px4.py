@@ -50,7 +50,7 @@ def test_the_tutorial_in_simulation(fly):
     assert turned > math.radians(10.0), rig.output
     # The drone hovers in the west.
     vehicle.wait(lambda state: abs(math.remainder(state['heading'] + math.pi / 2.0, 2.0 * math.pi)) < math.radians(45.0),
-                 why='facing the drone')
+                 40.0, 'facing the drone')
     assert vehicle.state['foreign'] == 0 and vehicle.state['largest_rate'] <= math.radians(30.0) + 1e-6
     assert vehicle.state['heartbeats'] == 0 and set(vehicle.state['commands']) == {'1000', '1001'}
     echo = subprocess.run(['ros2', 'topic', 'echo', '--once', *tutorial('ros2 topic echo')], text=True, capture_output=True,

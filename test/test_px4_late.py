@@ -23,7 +23,7 @@ def flight():
         [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args', '-p', 'enabled:=true',
          '-p', 'move_gimbal:=false'], env=vehicle.environment)
     try:
-        vehicle.wait(lambda state: state['nav_state'] == 14, 60.0, 'offered OFFBOARD')
+        vehicle.wait(lambda state: state['nav_state'] == 14, why='offered OFFBOARD')
         yield vehicle
     finally:    # what a failure leaves running slows down all tests that follow
         pointing.kill()
@@ -36,7 +36,7 @@ def test_the_body_settles_on_a_moving_target_and_stops_when_it_is_lost(flight):
     vehicle = flight
     vehicle.tell(set={'loss_time': 10.0})
     vehicle.tell(target={'azimuth': 1.0, 'rate': RATE, 'age': 0.4})
-    state = vehicle.wait(lambda state: math.degrees(state['rms'] or math.inf) < 2.0, 120.0, 'settled')
+    state = vehicle.wait(lambda state: math.degrees(state['rms'] or math.inf) < 2.0, 40.0, 'settled')
     print(f"{math.degrees(state['rms']):.2f} deg rms over 4 s")
     vehicle.tell(target=None)
     start = vehicle.state['time']

@@ -71,7 +71,6 @@ class FakeAutopilot:
     wanted: deque = field(default_factory=deque)    # rates that do not show yet: (when they will, rate)
     obeyed_rate: float = 0.0
     turned: float = 0.0                   # sum of all turns
-    turned_at_setpoint: float = 0.0       # at the newest setpoint
     gimbal: list = field(default_factory=lambda: [0.0, 0.0])       # pitch, yaw
     gimbal_wanted: list = field(default_factory=lambda: [0.0, 0.0])
     owner: tuple | None = None
@@ -195,7 +194,7 @@ class FakeAutopilot:
 
     def setpoint(self, position, yaw, yawspeed):
         self.setpoints += 1
-        self.turned_at_setpoint, self.last_setpoint = self.turned, self.time
+        self.last_setpoint = self.time
         in_charge = self.nav_state == OFFBOARD or self.mode_of(self.nav_state) is not None
         if not in_charge and self.time - self.changed > 0.5:   # before, the status may still be on its way
             self.setpoints_in_foreign_modes += 1

@@ -27,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float32MultiArray
 
-from av_common.stamps import to_seconds, to_stamp
+from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 
 messages = importlib.import_module('px4_msgs.msg')   # built by px4_layouts.py, not installed
@@ -93,7 +93,7 @@ class FakeNode:
         self.firmware = FakeFirmware(firmware, messages, told, system=system)
         self.model, self.silent, self.point, self.program = self.firmware.model, set(), None, None
         self.connected, self.spoken, self.said = True, {}, {}
-        self.pilot, self.bearing, self.log, self.counts = None, None, [], {}
+        self.pilot, self.counts = None, {}
         self.publishers = {name: self.node.create_publisher(*self.topic('out', name, kind), WRITES)
                            for name, kind in self.firmware.outputs.items()}
         for name, kind in self.firmware.inputs.items():
@@ -101,13 +101,12 @@ class FakeNode:
         self.publishers |= {name: self.node.create_publisher(
             getattr(messages, ''.join(map(str.capitalize, name.rpartition('_')[0].split('_')))), f'fmu/out/{name}', WRITES)
             for name in stale}
-        for kind, name, take in ((Odometry, 'odometry', self.on_odometry), (Bearing, 'target/bearing', self.on_bearing),
-                                 (PointingCommand, 'pointing/command', self.on_pointing),
+        for kind, name, take in ((Odometry, 'odometry', self.on_odometry),
                                  (DiagnosticArray, '/diagnostics', self.on_diagnostics),
                                  (DiagnosticStatus, 'px4/state', lambda m: self.said.update(state=m.message)),
                                  (Float32MultiArray, 'motor_speeds', lambda m: self.said.update(motors=list(m.data)))):
             self.node.create_subscription(kind, name, take, READS if name == 'motor_speeds' else RIG)
-        self.odometry, self.tracking = None, 0.0
+        self.odometry = None
         self.target, self.last_bearing, self.turned_then = None, math.inf, 0.0
 
     # Only where this node takes the part of fusion or pointing: beside theirs it would be a second publisher, and refused.
@@ -143,18 +142,6 @@ class FakeNode:
     def on_odometry(self, m):
         q = m.pose.pose.orientation
         self.odometry = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
-
-    def on_pointing(self, m):
-        self.tracking = (self.tracking or self.model.time) if m.mode == PointingCommand.MODE_TRACK else 0.0
-
-    def on_bearing(self, m):
-        """When it came and how old, how long it has been followed, where it is, how far from it the gimbal looks right now."""
-        self.bearing = {'state': m.state, 'azimuth': m.azimuth, 'hemisphere': m.hemisphere_probability}
-        if m.state != Bearing.STATE_NONE:
-            error = math.remainder(m.azimuth + self.model.gimbal[1], 2 * math.pi)
-            now = time.time()
-            self.log.append((now, now - to_seconds(m.header.stamp), self.model.time - self.tracking if self.tracking else 0.0,
-                             m.azimuth, error))
 
     # outputs
 
@@ -214,9 +201,8 @@ class FakeNode:
                 'commands': {str(number): model.commands.count(number) for number in set(model.commands)},
                 'setpoints': self.counts.get('trajectory_setpoint', 0), 'foreign': model.setpoints_in_foreign_modes,
                 'heartbeats': self.counts.get('offboard_control_mode', 0), 'events': model.events, 'modes': modes,
-                'odometry': self.odometry, 'bearing': self.bearing, 'followed': sum(row[2] > 0.6 for row in self.log),
-                'largest_rate': model.largest_rate, 'rms': self.target.rms() if self.target else None,
-                'since_setpoint': model.turned - model.turned_at_setpoint, 'since_bearing': model.turned - self.turned_then}
+                'odometry': self.odometry, 'largest_rate': model.largest_rate,
+                'rms': self.target.rms() if self.target else None, 'since_bearing': model.turned - self.turned_then}
 
     def obey(self, order):
         for name, value in order.items():
@@ -248,11 +234,6 @@ class FakeNode:
         if self.program is not None:
             self.program.node.destroy_node()
         self.program = Program(**value) if value else None
-
-    def obey_write_log(self, value):
-        with open(value, 'w') as file:  # noqa: PTH123
-            json.dump(self.log, file)
-        print(json.dumps({'written': True, **self.state()}), flush=True)
 
 
 def read_orders(orders):

@@ -49,7 +49,7 @@ class FakeVehicle:
         self._process.stdin.write(json.dumps(order) + '\n')
         self._process.stdin.flush()
 
-    def wait(self, condition, seconds=60.0, why=''):
+    def wait(self, condition, seconds=20.0, why=''):
         """Until the state fulfils a condition. Raises AssertionError with the state when it does not."""
         deadline = time.monotonic() + seconds
         while not (self.state and condition(self.state)):

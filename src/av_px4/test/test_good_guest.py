@@ -71,6 +71,13 @@ class TestOthers:
         flight.run(5.0, **TURN)
         assert flight.model.nav_state == RETURN and not steered(flight)
 
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_a_vehicle_with_another_system_id_is_flown_alike(self, begin):
+        """As PX4's multi-vehicle guide starts it: its gimbal is claimed by that id, its modes are its own."""
+        flight = begin(model={'system': 3})
+        flight.run(1.0, pan=0.5, **TURN)
+        assert flight.model.owner == (3, 191) and flight.model.gimbal[1] == pytest.approx(-0.5, abs=0.01)
+
     def test_with_pointing_not_enabled_nothing_is_sent_in_any_mode(self):
         flight = Flight(offboard=True)
         flight.enabled = False
