@@ -10,9 +10,9 @@ from av_px4.frames import Pose
 from av_px4.messages import odometry_message
 
 SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves its stamps
-# s, by which a stamp may precede the clock's offset. A start of the whole rig, or seconds of other load, delay what comes by
-# up to that; when it is on time again it is no restart of the clock, which would cost a second of odometry.
-EARLY_S = 0.3
+# s, by which a stamp may precede the clock's offset. A start of the whole rig, seconds of other load, or stalls of the agent
+# (up to 0.8 s flown) delay what comes; when it is on time again it is no restart of the clock, which would cost a second.
+EARLY_S = 0.9
 
 
 def px4_clock() -> SenderClock:

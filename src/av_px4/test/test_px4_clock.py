@@ -45,6 +45,7 @@ CLOCKS = {
     'a second ahead after a stall': pieces((0.0, synchronised), (10.0, lambda time: synchronised(time) + 1.0),
                                            (13.0, synchronised)),
     'reset with another offset': pieces((0.0, synchronised), (10.0, lambda time: synchronised(time) + 0.15)),
+    'ahead for a second': pieces((0.0, synchronised), (10.0, lambda time: synchronised(time) + 0.6), (11.0, synchronised)),
     'converges from behind': lambda time: synchronised(time) - 0.3 * np.exp(-max(time - 5.0, 0.0) / 20.0),
     'converges from ahead': lambda time: synchronised(time) + 0.3 * np.exp(-max(time - 5.0, 0.0) / 20.0),
     'drifts': lambda time: synchronised(time * (1.0 + 5e-4)),
@@ -92,7 +93,7 @@ def test_poses_come_again_within_a_second_and_a_half(rng, name, events):
 
 
 LATE = {'while all starts': lambda time: 0.05 if time < 3.0 else 0.0,
-        'while all starts, a little': lambda time: 0.02 if time < 3.0 else 0.0,
+        'while all starts, a lot': lambda time: 0.8 if time < 3.0 else 0.0,
         'for a second and a half': lambda time: 0.03 if 10.0 < time < 11.5 else 0.0,
         'for four seconds': lambda time: 0.2 if 10.0 < time < 14.0 else 0.0,
         'ever more': lambda time: 0.02 * (time - 10.0) if 10.0 < time < 15.0 else 0.0,
