@@ -7,7 +7,7 @@
 #   make detector   every figure of a detector's model card, COCO's beside it (QUICK=1: a fifth; MODEL=file, CACHE=folder for 9 GB, DATA=folder)
 #   make docs       the documents as a site, build/docs/html/index.html
 #   make lint       style, types, layers of packages, package.xml files, links, sentences and commands of documents, shell scripts
-#   make distributions   imports all packages with the Python and the libraries of each supported distribution
+#   make distributions   imports all packages with the Python and libraries of each distribution; wheels for 64-bit ARM
 #   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
 SHELL := bash
@@ -48,6 +48,7 @@ detector: build
 
 # Needs no build and no ROS.
 distributions:
+	python3 tools/distributions/wheels.py
 	python3 tools/distributions/check.py
 
 # With the names, parameters and messages of all packages; the first time it installs Sphinx there.
