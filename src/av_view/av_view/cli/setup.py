@@ -109,7 +109,7 @@ def interview() -> tuple[MicrophoneArray, dict[str, Any], dict[str, Any]]:
     camera = {'width': ask('Camera: width (pixels)', '640', within(int, 16, 8192)),
               'height': ask('Camera: height (pixels)', '480', within(int, 16, 8192)),
               'horizontal_fov_deg': ask('Camera: horizontal field of view (deg)', '70', within(float, 1, 150))}
-    sight = {'source': 'device', 'device': ask('Camera: index, path, or realsense', '0', str), **camera}
+    sight = {'source': 'device', 'device': ask('Camera: index, path, or realsense', '0', str)}
     gimbal = ask('Does a gimbal carry the camera? (y/n)', 'n', yes)
     pitch = 0.0 if gimbal else ask('Camera: looks up by (deg)', '8', within(float, -90, 90))
     place = ask('Gimbal: position (m)' if gimbal else 'Camera: position (m)', DEFAULT_CAMERA, position)
