@@ -129,7 +129,7 @@ def check_names(context: LaunchContext, declarations: Declarations) -> None:
     for old, new in RENAMED_ARGUMENTS.items():
         if old in context.launch_configurations:
             raise ValueError(f'{old}:= is now named {new}:=')
-    file = Path(context.locals.current_launch_file_path)
+    file = Path(context.get_locals_as_dict().get('current_launch_file_path', ''))    # none where a program runs the description
     named = any(Path(word).name == file.name and (Path(word).resolve() == file.resolve() or package == file.parent.parent.name)
                 for package, word in pairwise(sys.argv))
     for name in (word.partition(':=')[0] for word in context.argv if ':=' in word):
