@@ -33,6 +33,7 @@ setup(
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
             'export_tracks = av_evaluation.cli.export_tracks:main',
+            'faults = av_evaluation.cli.faults:main',
             'front_back = av_evaluation.cli.front_back:main',
             'fuzz = av_evaluation.cli.fuzz:main',
             'hearing = av_evaluation.cli.hearing:main',

@@ -7,7 +7,10 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
-from formula_rig import (
+from scipy.spatial.transform import Rotation
+
+from av_common.stamps import to_seconds
+from av_evaluation.faults.formula_rig import (
     COSINE_SIGMA,
     FOCAL,
     PIXEL_SIGMA,
@@ -22,9 +25,6 @@ from formula_rig import (
     unit,
     wrapped,
 )
-from scipy.spatial.transform import Rotation
-
-from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing
 
 SOUND_DEG = math.degrees(COSINE_SIGMA)              # of one window at broadside

@@ -6,7 +6,8 @@ import sys
 
 import pytest
 from figures import at_most
-from formula_rig import FormulaRig, Source
+
+from av_evaluation.faults.formula_rig import FormulaRig, Source
 
 
 @pytest.mark.xfail(strict=False, reason='503 calls')

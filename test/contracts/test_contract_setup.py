@@ -4,35 +4,20 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
-from faulty_rig import Faults, FaultyRig, lies
-from formula_rig import Source, unit
-from scipy.spatial.transform import Rotation
 from vehicle import Vehicle
 
+from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
+from av_evaluation.faults.formula_rig import START, Source
+from av_evaluation.faults.matrix import drone, named, title, turning, turning_rig
 from av_interfaces.msg import Bearing
 
 TOLD_S = 25.0
 
 
-def drone(seed):
-    """One that flies back and forth ahead, heard and seen."""
-    r = np.random.default_rng([3, seed])
-    wide, fast, period, short, phase = r.uniform((9.0, 3.0, 7.0, 3.0, 0.0), (18.0, 6.0, 13.0, 5.0, 6.0))
-    return Source(lambda t: unit(wide * math.sin(math.tau * t / period + phase) + fast * math.sin(math.tau * t / short), 8.0))
-
-
-def turning(seed, largest=20.0):
-    """A body that turns to and fro."""
-    r = np.random.default_rng([4, seed])
-    angle, period = r.uniform(0.6 * largest, largest), r.uniform(5.0, 8.0)
-    return lambda t: Rotation.from_euler('z', angle * math.sin(math.tau * t / period), degrees=True)
-
-
-def told(faults, seed, seconds=TOLD_S, **options):
+def told(faults, seed, seconds=TOLD_S, largest=20.0, **options):
     """The rig, and when (s) and what it first said for certain, or suspected where it never was certain."""
-    rig = FaultyRig([drone(seed)], attitude=turning(seed), seed=seed, faults=faults, **options)
+    rig = turning_rig(faults, seed, largest, **options)
     first = None
     for t in rig.steps(seconds):
         fault = rig.stage.consistency.fault
@@ -61,12 +46,52 @@ def test_what_is_wrong_is_told(faults, words, seed):
         assert lies(rig, when + 0.2) == 0.0
 
 
+@pytest.mark.parametrize('seed', [0, 1])
+def test_late_images_are_told_with_their_value(seed):
+    """By a rig that turns by up to 20 deg/s and more, at which they lie."""
+    rig, first = told(Faults(late=0.3), seed, largest=35.0)
+    assert first is not None and 0.2 < float(first[1].text.split()[3]) < 0.4
+    assert lies(rig, first[0] + 0.2) == 0.0
+
+
+@pytest.mark.parametrize('array', ['square', 'eight'])
+@pytest.mark.parametrize('faults', [Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(yaw_sign=-1)], ids=title)
+def test_arrays_that_tell_front_from_back_tell_faults_too(faults, array):
+    rig, first = told(faults, 3, 20.0, array=array)
+    assert first is not None and named(faults, first[1])
+    assert lies(rig, first[0] + 0.2) == lies(rig, first[0] + 0.2, in_world=True) == 0.0
+
+
+@pytest.mark.parametrize('faults', [
+    Faults(swapped=True, yaw_sign=-1), Faults(mirrored=True, camera_yaw_deg=18.0), Faults(yaw_sign=-1, camera_yaw_deg=-20.0)],
+    ids=title)
+def test_of_two_faults_none_is_named_that_is_not_there(faults):
+    """Microphones exchanged and the wrong sign of yaw are, to every sensor, a mirrored image: then both are named."""
+    _, first = told(faults, 2)
+    assert first is not None and named(faults, first[1]), first
+
+
+def test_a_fault_is_known_after_the_clock_was_set_back():
+    rig, first = told(Faults(swapped=True), 0, 12.0)
+    assert first is not None
+    monitor = rig.stage.consistency
+    assert monitor.advance(START + rig.now - 60.0) is first[1] or monitor.fault is not None
+    assert 'exchanged' in monitor.fault.text
+
+
 def test_sigma_grows_to_what_the_contradiction_supports():
     """With a camera that looks 22 deg aside the bearing is as uncertain as that."""
     rig, first = told(Faults(camera_yaw_deg=22.0), 2)
     assert first is not None and first[1].is_certain
     for moment in rig.following(first[0] + 0.2):
         assert math.degrees(math.sqrt(moment.bearing.azimuth_variance)) > 15.0
+
+
+def test_a_suspected_fault_makes_the_bearing_as_uncertain():
+    """15 deg may as well be two sources: a warning, by which bearings count less."""
+    rig, first = told(Faults(camera_yaw_deg=15.0), 0)
+    assert first is not None and not first[1].is_certain and lies(rig, 0.0, first[0]) > 0.5
+    assert lies(rig, first[0] + 0.2) == 0.0
 
 
 @pytest.mark.parametrize('seed', range(4))

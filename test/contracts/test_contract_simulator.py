@@ -7,7 +7,16 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
-from formula_rig import (
+from formula_sound import RATE, frames, hearing
+from scipy.spatial.transform import Rotation
+from vision_msgs.msg import Detection2DArray
+
+from av_common.freshness import Instant
+from av_common.parameters import node_parameters
+from av_common.rig import load_rig
+from av_common.stamps import to_seconds, to_stamp
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
+from av_evaluation.faults.formula_rig import (
     BOX,
     CENTRE,
     FOCAL,
@@ -22,15 +31,6 @@ from formula_rig import (
     vector,
     wrapped,
 )
-from formula_sound import RATE, frames, hearing
-from scipy.spatial.transform import Rotation
-from vision_msgs.msg import Detection2DArray
-
-from av_common.freshness import Instant
-from av_common.parameters import node_parameters
-from av_common.rig import load_rig
-from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
 from av_interfaces.msg import Bearing, Doa, DoaArray
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config

@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from formula_rig import START, STEP, FormulaRig, Moment, Source
 from scipy.spatial.transform import Rotation
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
 from av_common.rig import GimbalMount
+from av_evaluation.faults.formula_rig import START, STEP, FormulaRig, Moment, Source
 from av_interfaces.msg import PointingCommand
 from av_pointing.stage import make_pointing_stage
 

@@ -304,8 +304,10 @@ class FusionStage:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
             track, targets = _as_predictions(track, targets, reason)
-        elif fault is not None and fault.is_certain and self.settings.stop_at_faults and track.state != State.NONE:
-            track, targets = _contradicted(track, targets, fault)
+        elif fault is not None and self.settings.stop_at_faults and track.state != State.NONE:
+            track = _doubted(track, fault)
+            if fault.is_certain:
+                track, targets = _contradicted(track, targets, fault)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
@@ -325,14 +327,17 @@ def _as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track,
         [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
 
 
-def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:
-    """The estimates of a rig that is not as described: as uncertain as its faults make them, and nothing moves on them."""
-    apart = fault.apart**2
-    if fault.concerns_world:
-        apart = max(apart, math.pi**2 / 3.0)  # of a direction that may be any
+def _doubted(track: Track, fault: Fault) -> Track:
+    """An estimate as uncertain as a fault makes it: the variance of the mixture of both descriptions, at most."""
+    apart = fault.probability * fault.apart**2
     east, cross, _, up = track.covariance_world
-    uncertain = track._replace(azimuth_variance=track.azimuth_variance + apart, front_probability=0.5, resolved=False,
-                               covariance_world=(east + apart, cross, cross, up))
+    in_world = math.pi**2 / 3.0 if fault.concerns_world else apart  # of a direction that may be any
+    return track._replace(azimuth_variance=track.azimuth_variance + apart, covariance_world=(east + in_world, cross, cross, up))
+
+
+def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:
+    """The estimates of a rig that is certainly not as described: nothing moves on them."""
+    uncertain = track._replace(front_probability=0.5, resolved=False)
     unresolved = targets._replace(targets=tuple(
         [target._replace(track=target.track._replace(resolved=False)) for target in targets.targets]))
     return _as_predictions(uncertain, unresolved, f'the rig is not as described: {fault.text}')

@@ -83,6 +83,13 @@ def test_the_parameters_are_found():
     assert np.all(np.abs(self_calibration.values - truth) < 3.0 * self_calibration.sigmas + 0.003)
 
 
+def test_it_says_when_it_stands_at_its_limit():
+    """An axis 20 deg off is more than may be corrected; 4 deg are learnt silently."""
+    for offset_deg, expected in ((20.0, True), (4.0, False)):
+        learnt = error_after_sight(True, offset_deg, 0.0)[1].diagnostics()['self-calibration at its limit']
+        assert ('axis offset -10.00' in learnt) is expected, learnt    # o is the angle of the axis the other way round
+
+
 def test_it_forgets_towards_the_array_as_described():
     """Long after sight was lost a few comparisons do not hold on to an old error."""
     self_calibration = ArraySelfCalibration(SelfCalibrationSettings(memory=5.0))

@@ -47,6 +47,7 @@ class OfflineRig:
         log: truth, measurements and bearings.
         record: the measurements, for other trackers and methods.
         tracker: estimates the bearing.
+        hearing, fusion: the stages.
         bearing, targets: the newest bearing, and all tracks; None before the first.
 
     Parameters:
@@ -77,13 +78,13 @@ class OfflineRig:
         if detection is not None:
             detection.mount(camera, rotation_of)
         recorder = RunRecorder(self.record)
-        fusion = FusionStage(recording(tracker, self.record), self._converter, observer=recorder,
-                             gimbal=history)
+        self.fusion = FusionStage(recording(tracker, self.record), self._converter, observer=recorder,
+                                  gimbal=history)
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
             self._converter, self.record)
-        hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
-        self._pipeline = Pipeline(hearing, detection, fusion, None, recorder, self._converter, self._publish)
+        self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
+        self._pipeline = Pipeline(self.hearing, detection, self.fusion, None, recorder, self._converter, self._publish)
         self.log: RunLog = recorder.log
 
     def on_samples(self, samples: NDArray, sample_rate: int, first_sample: int, arrival: float) -> None:

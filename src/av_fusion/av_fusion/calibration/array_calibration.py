@@ -79,6 +79,12 @@ class ArraySelfCalibration:
         """Standard deviations of the parameters (5,)."""
         return np.sqrt(np.diag(self._covariance))
 
+    @property
+    def at_limit(self) -> list[str]:
+        """Names of the parameters that are learnt, and would be corrected by more than is permitted."""
+        learnt = self.sigmas < 0.5 * np.asarray(self.settings.sigmas)
+        return [name for name, stands in zip(NAMES, learnt & (np.abs(self.values) >= self._bounds), strict=True) if stands]
+
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:
         """Update the parameters by a measured cosine and the direction in which the camera saw the target at that time.

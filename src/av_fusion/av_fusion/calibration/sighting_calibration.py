@@ -11,6 +11,7 @@ from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction, dot, turned, turned_back
 from av_fusion.tracks.filter import effective_sample_fraction
 
+AT_LIMIT = 'self-calibration at its limit'
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
 
 
@@ -64,7 +65,8 @@ class SightingCalibration:
     def diagnostics(self) -> dict[str, str]:
         """What is known of the array, as texts."""
         learned = self.array.describe() if self.array.compared else {}
-        return {f'array self-calibration: {name}': value for name, value in learned.items()}
+        return {f'array self-calibration: {name}': value for name, value in learned.items()} | {
+            AT_LIMIT: ', '.join(f'{name} {learned[name]}' for name in self.array.at_limit) or 'none'}
 
 
 def from_axis(axis: Vector, seen: Vector) -> tuple[float, float]:

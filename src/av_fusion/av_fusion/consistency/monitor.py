@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from itertools import count
+from itertools import combinations, count
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 from av_fusion.consistency.setup_model import (
     CAMERA_LATE,
     CAMERA_YAW,
+    CAREFUL,
     DELAY,
     FOCAL,
+    MIRRORED,
+    REVERSED_YAW,
     SPACING,
+    SWAPPED,
     YAW_DELAYS_S,
     FilterBank,
     Hypothesis,
@@ -27,32 +31,70 @@ from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction, turned_back
 
-# Prior probabilities are those of a rig that somebody has just put together. Sound and sight of two different drones, each
-# unheard or unseen by the other sensor, are little more frequent.
-HYPOTHESES = (
-    Hypothesis('as described', prior=0.9),
-    Hypothesis('sound and sight of different sources', prior=0.02, other=1),
-    Hypothesis('sound and sight of different sources', prior=0.02, other=2),
-    Hypothesis('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array',
-               swapped=True, for_pair=True),
-    Hypothesis('the camera is turned by {value:+.0f} deg against its description', 'camera: mount: rpy_deg of the rig',
-               parameter=CAMERA_YAW, sigma=math.radians(20.0)),
-    Hypothesis('the image is mirrored or upside down', 'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg',
-               mirrored=True),
-    Hypothesis('images are stamped {value:+.2f} s late', 'sight_delay of fusion_node', parameter=CAMERA_LATE, sigma=0.3),
-    Hypothesis('one channel is late: directions are off by {value:+.2f} in the cosine', 'the delay between the channels', 0.003,
-               parameter=DELAY, sigma=0.4, for_pair=True),
-    Hypothesis('the yaw of the odometry has the wrong sign', 'odometry in ENU: counter-clockwise is positive (REP-103)',
-               reversed_yaw=True),
-    Hypothesis('the microphones are {value:.2f} times as far apart as described', 'positions in the file of the array',
-               parameter=SPACING, sigma=0.4, for_pair=True, is_mild=True),
-    Hypothesis('the focal length is {value:.2f} times that described', 'horizontal_fov_deg or calibration_file of the camera',
-               parameter=FOCAL, sigma=0.3, is_mild=True),
-)
-VALUE: dict[int, Callable[[float], float]] = {
-    CAMERA_YAW: math.degrees, CAMERA_LATE: float, DELAY: float, SPACING: math.exp, FOCAL: lambda value: math.exp(-value)}
+
+class Part(NamedTuple):
+    """One thing that may be wrong.
+
+    Parameters:
+        text: what is said of it; with `{value}` for a parameter.
+        mend: where it is mended.
+        prior: probability before any measurement.
+        sigma: prior standard deviation of a parameter.
+        shown: from the parameter to the value that is said.
+        for_pair: it concerns linear arrays only.
+        is_mild: bearings are still right to some degrees.
+    """
+
+    text: str
+    mend: str
+    prior: float = 0.01
+    sigma: float = 0.0
+    shown: Callable[[float], float] = float
+    for_pair: bool = False
+    is_mild: bool = False
+
+
+SIGNS = {
+    SWAPPED: Part('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array',
+                  for_pair=True),
+    MIRRORED: Part('the image is mirrored or upside down',
+                   'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg'),
+    REVERSED_YAW: Part('the yaw of the odometry has the wrong sign',
+                       'odometry in ENU: counter-clockwise is positive (REP-103)')}
+PARAMETERS = {
+    CAMERA_YAW: Part('the camera is turned by {value:+.0f} deg against its description, or the microphones by the opposite',
+                     'mount: rpy_deg of camera or array in the rig', sigma=math.radians(20.0), shown=math.degrees),
+    CAMERA_LATE: Part('images are stamped {value:+.2f} s late', 'sight_delay of fusion_node', sigma=0.3),
+    DELAY: Part('one channel is late: directions are off by {value:+.2f} in the cosine', 'the delay between the channels',
+                0.003, 0.4, for_pair=True),
+    SPACING: Part('the microphones are {value:.2f} times as far apart as described', 'positions in the file of the array',
+                  sigma=0.4, shown=math.exp, for_pair=True, is_mild=True),
+    FOCAL: Part('the focal length is {value:.2f} times that described', 'horizontal_fov_deg or calibration_file of the camera',
+                sigma=0.3, shown=lambda value: math.exp(-value), is_mild=True)}
+# Priors are those of a rig that somebody has just put together. Sound and sight of two different drones, each unheard or unseen
+# by the other sensor, are little more frequent; two faults at once about as much as the ten pairs of two single ones.
+DESCRIBED, OTHERS, TWO = 0.9, 0.02, 0.001
+PERHAPS = ', and perhaps '  # before further parameters: their first estimates are those of an extended Kalman filter
+SAID_SIGMAS = 2.0  # of what a careful description leaves, and of the estimate, by which a parameter is off that is named
+
+
+def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
+    """What may be wrong: nothing, that both sensors have one source, one thing, or several.
+
+    Parameters:
+        is_pair: whether the array is linear.
+    """
+    signs = [sign for sign, part in SIGNS.items() if is_pair or not part.for_pair]
+    sigmas = {index: part.sigma for index, part in PARAMETERS.items() if is_pair or not part.for_pair}
+    return (Hypothesis(DESCRIBED), Hypothesis(OTHERS, other=1), Hypothesis(OTHERS, other=2),
+            *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
+            *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
+            *(Hypothesis(TWO, both) for both in combinations(signs, 2)),
+            *(Hypothesis(TWO, (sign,), sigmas) for sign in signs), Hypothesis(TWO, (), sigmas))
+
+
 SUSPECTED, NAMED = 0.99, 0.999  # probabilities of a fault for a warning, and for an error on which nothing moves (Wald 1945)
-LEAST_NAMED = 0.1  # probability of a second fault that explains the measurements as well, and is named beside the first
+LEAST_NAMED = 0.05  # probability of a second fault that explains the measurements as well, and is named beside the first
 LAG_S = 1.2  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
@@ -88,7 +130,7 @@ class Fault(NamedTuple):
 class ConsistencyMonitor:
     """Weighs what may be wrong with the set-up by sound and sight of one target, and by the rig's motion.
 
-    Each hypothesis of `HYPOTHESES` predicts the measurements by one model of the set-up; their likelihoods multiply. What no
+    Each of the `hypotheses` predicts the measurements by one model of the set-up; their likelihoods multiply. What no
     measurement of the rig can show is a heading that is off by a constant, and its drift while one target moves.
 
     Attributes:
@@ -103,15 +145,10 @@ class ConsistencyMonitor:
         self._motion, self._sound_delay, self._sight_delay = motion, sound_delay, sight_delay
         self._waiting: list[tuple[float, int, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
         self._numbers = count()  # of measurements: those of one time stay in their order
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew, as after the set-up was mended."""
         self._bank: FilterBank | None = None
         self._time = self._seen = self._heard = -math.inf
         self.fault: Fault | None = None
         self._jumps = self._motion.jumps
-        self._waiting.clear()
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Take the directions of one window, those that may be a drone's."""
@@ -131,8 +168,11 @@ class ConsistencyMonitor:
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
-        if now < self._time - GAP_S:  # the clock was set back
-            self.reset()
+        if now < self._time - GAP_S:  # the clock was set back: the set-up is the same
+            self._time = self._seen = self._heard = -math.inf
+            self._waiting.clear()
+            if self._bank is not None:
+                self._bank.turn_world()
         if self._motion.jumps != self._jumps:
             self._jumps, self._seen = self._motion.jumps, -math.inf
             if self._bank is not None:
@@ -167,7 +207,7 @@ class ConsistencyMonitor:
     def _hear(self, time: float, window: tuple[DoaMeasurement, ...]) -> None:
         first, cone = window[0], window[0].cone
         if self._bank is None:
-            self._bank = FilterBank(tuple(h for h in HYPOTHESES if cone is not None or not h.for_pair))
+            self._bank = FilterBank(hypotheses(cone is not None))
         if time < self._heard + first.window or abs(time - self._seen) > SIMULTANEOUS_S:  # windows that overlap are repetitions
             return
         self._pass(self._bank, time)
@@ -208,15 +248,25 @@ class ConsistencyMonitor:
 
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""
-        worst = bank.hypotheses[named[0]]
-        certain = not worst.is_mild and (probability >= NAMED or (self.fault is not None and self.fault.is_certain))
-        return Fault('; or '.join(_text(bank, k) for k in named), worst.mend, probability, certain, bank.apart(named[0]),
-                     worst.reversed_yaw)
+        said = [_parts(bank, number) for number in named]
+        certain = not all(part.is_mild for part, _ in said[0]) and (
+            probability >= NAMED or (self.fault is not None and self.fault.is_certain))
+        texts = dict.fromkeys(PERHAPS.join(text for _, text in one) for one in said)
+        best = bank.hypotheses[named[0]]
+        mends = [*(SIGNS[sign].mend for sign in best.signs), *(part.mend for part, _ in said[0] if part.sigma)]
+        return Fault('; or '.join(texts), '; '.join(dict.fromkeys(mends)), probability, certain, bank.apart(named[0]),
+                     REVERSED_YAW in best.signs)
 
 
-def _text(bank: FilterBank, number: int) -> str:
-    """What a hypothesis says, with the value of its parameter."""
-    hypothesis = bank.hypotheses[number]
-    parameter = hypothesis.parameter
-    value = 0.0 if parameter is None else VALUE[parameter](float(bank.mean[number, parameter]))
-    return hypothesis.name.format(value=value)
+def _parts(bank: FilterBank, number: int) -> list[tuple[Part, str]]:
+    """What is wrong by a hypothesis: all signs, and parameters that are off with their values, the farthest first."""
+    hypothesis, mean = bank.hypotheses[number], bank.mean[number]
+    sigmas = np.sqrt(np.diagonal(bank.covariance[number]))
+    off = {index: abs(float(mean[index])) / max(CAREFUL[index], float(sigmas[index])) for index in hypothesis.sigmas}
+    signs = [SIGNS[sign] for sign in hypothesis.signs]
+    found = [(part, ', and '.join(sign.text for sign in signs)) for part in signs[:1]]
+    for index in sorted(off, key=lambda index: -off[index]):
+        if off[index] > SAID_SIGMAS or not found:
+            part = PARAMETERS[index]
+            found.append((part, part.text.format(value=part.shown(float(mean[index])))))
+    return found

@@ -7,6 +7,7 @@ prior of these parameters (how far each may be off) and by three signs.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -31,39 +32,29 @@ YAW_DELAYS_S = np.arange(-0.5, 1.05, 0.1)  # at which the heading is looked up f
 SIGHT_CLUTTER, SOUND_CLUTTER = 0.05, 0.1  # probability that a measurement stems from nothing of what is modelled
 
 
+SWAPPED, MIRRORED, REVERSED_YAW = 'swapped', 'mirrored', 'reversed yaw'  # signs that may be wrong
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """What may be wrong with the description of a rig.
 
     Parameters:
-        name: what is said of it; with `{value}` for the parameter.
-        mend: where it is mended.
         prior: probability before any measurement.
-        parameter: index of the parameter that is off, None without one.
-        sigma: prior standard deviation of that parameter.
-        swapped, mirrored, reversed_yaw: the channels are exchanged; the image is mirrored or upside down; the yaw of
-            odometry has the wrong sign.
+        signs: which are wrong: the channels are exchanged; the image is mirrored or upside down; the yaw of odometry.
+        sigmas: prior standard deviations of the parameters that are off, by their index.
         other: sound stems from another source than sight: on the side of the first (1) or second (2) mirror image; 0 if not.
-        for_pair: it concerns linear arrays only.
-        is_mild: bearings are still right to some degrees.
     """
 
-    name: str
-    mend: str = ''
-    prior: float = 0.01
-    parameter: int | None = None
-    sigma: float = 0.0
-    swapped: bool = False
-    mirrored: bool = False
-    reversed_yaw: bool = False
+    prior: float
+    signs: tuple[str, ...] = ()
+    sigmas: Mapping[int, float] = field(default_factory=dict)
     other: int = 0
-    for_pair: bool = False
-    is_mild: bool = False
 
     @property
     def is_fault(self) -> bool:
         """Whether the description is wrong by this hypothesis."""
-        return bool(self.mend)
+        return bool(self.signs or self.sigmas)
 
 
 class SightEvent(NamedTuple):
@@ -115,6 +106,8 @@ class FilterBank:
 
     A measurement may be clutter: it enters with the probability that it is none (Bar-Shalom, probabilistic data association).
 
+    The target's angle is that at the capture of what the camera has just sent, CAMERA_LATE before its stamp.
+
     Attributes:
         mean: (h, SIZE); covariance: (h, SIZE, SIZE); evidence: (h) logarithms.
 
@@ -133,13 +126,11 @@ class FilterBank:
         self.evidence = np.log([h.prior for h in self.hypotheses])
         for k, hypothesis in enumerate(self.hypotheses):
             for index, sigma in CAREFUL.items():
-                wide = hypothesis.sigma if hypothesis.parameter == index else sigma
-                self.covariance[k, index, index] = wide**2
+                self.covariance[k, index, index] = hypothesis.sigmas.get(index, sigma) ** 2
         self.covariance[:, BIAS, BIAS] = BIAS_SIGMA**2
         self.mean[:, TRAVEL], self.covariance[:, TRAVEL, TRAVEL] = TRAVEL_S, TRAVEL_SIGMA_S**2
-        self._channel = np.array([-1.0 if h.swapped else 1.0 for h in self.hypotheses])
-        self._mirror = np.array([-1.0 if h.mirrored else 1.0 for h in self.hypotheses])
-        self._turn = np.array([-1.0 if h.reversed_yaw else 1.0 for h in self.hypotheses])
+        self._channel, self._mirror, self._turn = (
+            np.array([-1.0 if sign in h.signs else 1.0 for h in self.hypotheses]) for sign in (SWAPPED, MIRRORED, REVERSED_YAW))
         self._other = np.array([h.other for h in self.hypotheses])
         self._elevation, self._manoeuvre = 0.0, 1.0
         self.turn_world()
@@ -186,13 +177,12 @@ class FilterBank:
         yaws = self._turn * np.interp(late, YAW_DELAYS_S, event.yaws)
         turning = self._turn * (np.interp(late + 0.05, YAW_DELAYS_S, event.yaws) -
                                 np.interp(late - 0.05, YAW_DELAYS_S, event.yaws)) / 0.1
-        expected = self.mean[:, TARGET] - self.mean[:, TARGET_RATE] * late - yaws
+        expected = self.mean[:, TARGET] - yaws
         if not self._target_known:
             self.mean[:, TARGET] += wrap(azimuth - expected)
             expected = azimuth
         slopes = np.zeros_like(self.mean)
-        slopes[:, TARGET], slopes[:, TARGET_RATE] = 1.0, -late
-        slopes[:, CAMERA_YAW], slopes[:, CAMERA_LATE] = -1.0, -self.mean[:, TARGET_RATE] - turning
+        slopes[:, TARGET], slopes[:, CAMERA_YAW], slopes[:, CAMERA_LATE] = 1.0, -1.0, -turning
         slopes[:, FOCAL] = -wrap(nearby - azimuth) / 0.01
         left = wrap(azimuth - expected)[:, None]
         scale = np.exp(self.mean[:, FOCAL])    # of angles: the density is that of the angle as it was measured
@@ -209,7 +199,8 @@ class FilterBank:
         if not self._other_known:
             image = np.where(self._other == 2, event.images[-1], event.images[0])
             self.mean[:, OTHER] = image + self._turn * event.yaw
-        rows, whose, travel = np.arange(len(self.mean)), np.where(self._other > 0, OTHER, TARGET), self.mean[:, TRAVEL]
+        rows, whose = np.arange(len(self.mean)), np.where(self._other > 0, OTHER, TARGET)
+        travel = self.mean[:, TRAVEL] - np.where(self._other > 0, 0.0, self.mean[:, CAMERA_LATE])
         rate = self.mean[rows, whose + 1]
         across = self.mean[rows, whose] - rate * travel - self._turn * event.yaw
         cosine, sine, up = np.cos(across), np.sin(across), self._elevation
@@ -221,6 +212,7 @@ class FilterBank:
         slopes = np.zeros_like(self.mean)
         by_angle = scale * (aside @ axis)
         slopes[rows, whose], slopes[rows, whose + 1], slopes[:, TRAVEL] = by_angle, -travel * by_angle, -rate * by_angle
+        slopes[:, CAMERA_LATE] = np.where(self._other > 0, 0.0, rate * by_angle)
         slopes[:, BIAS], slopes[:, DELAY], slopes[:, SPACING] = 1.0, 1.0, along
         expected = along + self.mean[:, DELAY] + self.mean[:, BIAS]
         left = event.cosines[None, :] - expected[:, None]
@@ -250,7 +242,7 @@ class FilterBank:
 
     def apart(self, number: int) -> float:
         """How far (rad) bearings by a hypothesis are from those of the description, the first hypothesis."""
-        if self.hypotheses[number].swapped:
+        if SWAPPED in self.hypotheses[number].signs:
             return 0.5 * math.pi
         target = self.mean[number, TARGET] - self.mean[0, TARGET]
         return max(abs(math.remainder(target, math.tau)), abs(float(self.mean[number, CAMERA_YAW])))

@@ -20,6 +20,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import detections_topic, load_rig
 from av_common.tf_rotations import TfRotations
+from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
@@ -175,8 +176,12 @@ class FusionNode(RigNode):
             foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
-        for name, value in self._stage.tracker.diagnostics().items():
+        values = self._stage.tracker.diagnostics()
+        for name, value in values.items():
             status.add(name, value)
+        if values.get(AT_LIMIT, 'none') != 'none':
+            status.mergeSummary(DiagnosticStatus.WARN, f'{AT_LIMIT}: {values[AT_LIMIT]}; mend mount: rpy_deg or positions of '
+                                'the array, or run `ros2 run av_audio calibrate`')
 
     def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:
         motion, now = self._stage.tracker.motion, self.now()

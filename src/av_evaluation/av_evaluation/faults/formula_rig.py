@@ -46,10 +46,12 @@ Signal = Callable[[float], float]
 
 
 def always(_time: float) -> bool:
+    """At all times."""
     return True
 
 
 def never(_time: float) -> bool:
+    """At no time."""
     return False
 
 
@@ -80,11 +82,13 @@ def rms(values: Any) -> float:
 
 
 def vector(values: NDArray) -> Vector3:
+    """A message of three numbers."""
     x, y, z = map(float, values)
     return Vector3(x=x, y=y, z=z)
 
 
 def quaternion(rotation: Rotation) -> Quaternion:
+    """A message of a rotation."""
     x, y, z, w = map(float, rotation.as_quat())
     return Quaternion(x=x, y=y, z=z, w=w)
 
@@ -178,7 +182,9 @@ class FormulaRig:
         self._numbers, self._steps = count(), 0
         self._queue: list[tuple[float, int, str, Any]] = []
         given = node_parameters('av_fusion', 'fusion_node', overrides=self.parameters)
-        carried = {} if self.gimbal is None else {'gimbal': GimbalHistory(), 'tracker': make_tracker(given, self.gimbal)}
+        carried: dict[str, Any] = {}
+        if self.gimbal is not None:
+            carried = {'gimbal': GimbalHistory(), 'tracker': make_tracker(given, self.gimbal)}
         self.stage = make_fusion_stage(given, self._rotation_of, **carried)
         self.stage.on_camera_info(CameraInfo(
             width=WIDTH, height=HEIGHT, distortion_model='plumb_bob', d=[0.0] * 5,
@@ -285,12 +291,12 @@ class FormulaRig:
         message = DoaArray(window=WINDOW, method='formula', axis=Vector3(y=float(self.array == 'pair')))
         message.header.stamp, message.header.frame_id = to_stamp(START + t), 'microphones'
         found: list[NDArray] = []
-        for confidence, mean, error, source in heard:
+        for confidence, mean, error, one in heard:
             measured = mean[1:2] if self.array == 'pair' else mean[:2] if self.array == 'square' else mean
             if all(np.linalg.norm(measured - other) > math.sin(RESOLUTION) for other in found):
-                message.hypotheses += self._images(len(found), confidence, mean + error, source, t)
+                message.hypotheses += self._images(len(found), confidence, mean + error, one, t)
                 found.append(measured)
-                if source is not None and source is self.sources[0]:
+                if one is not None and one is self.sources[0]:
                     self.measured.append((self.now + SOUND_TAKES, 'sound', math.degrees(message.hypotheses[-1].azimuth)))
         return message
 
@@ -323,7 +329,7 @@ class FormulaRig:
             place = self.pixel(t, number)
             if place is not None and source.seen(t) and self.random.random() < self.detection_probability * clear:
                 place = place + PIXEL_SIGMA * self.random.normal(size=2) + self.misaligned
-                message.detections.append(detection(*place, source.score))
+                message.detections.append(detection(place[0], place[1], source.score))
                 if number == 0:
                     ray = OPTICAL.T @ [*((place - CENTRE) / FOCAL), 1.0]
                     self.measured.append((t + SIGHT_TAKES, 'sight', azimuth_of(self.camera(t).apply(ray))))

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds, to_stamp
+from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, wrapped
 
 
 @dataclass
@@ -80,11 +80,14 @@ class FaultyRig(FormulaRig):
         super().send(kind, message, captured, takes)
 
 
-def lies(rig: FormulaRig, after: float, until: float = math.inf) -> float:
-    """Share of outputs that are resolved, sure to 10 deg, and wrong by more than 10 deg and 3 sigma, in the body."""
-    outputs = rig.between(after, until)
-    following = rig.following(after, until)
-    wrong = [abs(error) > max(10.0, 3.0 * math.degrees(math.sqrt(moment.bearing.azimuth_variance)))
-             and moment.bearing.resolved and moment.bearing.azimuth_variance < math.radians(10.0) ** 2
-             for moment, error in zip(following, rig.errors(after, until), strict=True)]
-    return sum(wrong) / max(len(outputs), 1)
+def lies(rig: FormulaRig, after: float, until: float = math.inf, in_world: bool = False) -> float:
+    """Share of outputs that are resolved, sure to 10 deg, and wrong by more than 10 deg and 3 sigma, in body or world."""
+    outputs, wrong = rig.between(after, until), 0
+    for moment in rig.following(after, until):
+        bearing, truth = moment.bearing, rig.sources[0].direction(moment.t) if in_world else rig.body(moment.t)
+        azimuth, variance = ((bearing.azimuth_world, bearing.covariance_world[0]) if in_world else
+                             (bearing.azimuth, bearing.azimuth_variance))
+        error = abs(wrapped(math.degrees(azimuth) - azimuth_of(truth)))
+        wrong += (bearing.resolved and variance < math.radians(10.0) ** 2
+                  and error > max(10.0, 3.0 * math.degrees(math.sqrt(variance))))
+    return wrong / max(len(outputs), 1)

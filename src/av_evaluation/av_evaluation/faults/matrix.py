@@ -1,0 +1,161 @@
+"""Rigs with one fault or two, and without any: what is told of them, when, and how much their bearings lie."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import Field, fields
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from av_common.config_reader import load
+from av_common.rig import load_rig
+from av_evaluation.experiments.offline_run import OfflineRun
+from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
+from av_evaluation.faults.formula_rig import Source, unit
+from av_fusion.consistency.monitor import PERHAPS, ConsistencyMonitor, Fault
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_pointing.controller import PointingController, PointingSettings
+from av_pointing.settings import with_gimbal
+from av_simulator.config_files import find_config
+from av_simulator.scenario import Scenario
+
+# By the field of `Faults`, words that name it.
+NAMES = {'swapped': 'microphones are exchanged', 'camera_yaw_deg': 'camera is turned', 'mirrored': 'mirrored or upside down',
+         'upside_down': 'mirrored or upside down', 'late': 'images are stamped', 'yaw_sign': 'yaw of the odometry',
+         'delay': 'one channel is late', 'spacing': 'times as far apart', 'focal': 'focal length'}
+FOR_PAIR = ('swapped', 'delay', 'spacing')
+SINGLE = (Faults(swapped=True), Faults(camera_yaw_deg=15.0), Faults(camera_yaw_deg=-22.0), Faults(camera_yaw_deg=40.0),
+          Faults(mirrored=True), Faults(upside_down=True), Faults(late=0.3), Faults(late=0.15), Faults(yaw_sign=-1),
+          Faults(delay=0.3), Faults(delay=-0.45), Faults(spacing=1.5), Faults(focal=0.8))
+SMALL = (Faults(camera_yaw_deg=6.0), Faults(late=0.08), Faults(delay=0.08), Faults(spacing=1.15), Faults(focal=0.9))
+TWO = (Faults(swapped=True, camera_yaw_deg=15.0), Faults(swapped=True, yaw_sign=-1),
+       Faults(mirrored=True, camera_yaw_deg=-15.0), Faults(camera_yaw_deg=20.0, late=0.3),
+       Faults(yaw_sign=-1, camera_yaw_deg=15.0), Faults(delay=-0.3, spacing=1.4))
+SCENARIOS = ('circle', 'fog_woodland', 'gusty', 'tripod', 'behind_in_fog', 'talker', 'two_drones', 'birds_and_drones')
+
+
+class Told(NamedTuple):
+    """What was told of a rig.
+
+    Parameters:
+        fault: the first that is certain, or the first suspected; None where nothing was told.
+        first, certain (s): when something was first told, and for certain; inf where it was not.
+        before, after: share of the time in which the bearing lies, until and since the first of both; in body and world.
+    """
+
+    fault: Fault | None
+    first: float
+    certain: float
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+def title(faults: Faults) -> str:
+    """What is wrong, as in the table."""
+    return ', '.join(f'{one.name}={getattr(faults, one.name)}' for one in _wrong(faults)) or 'nothing'
+
+
+def named(faults: Faults, fault: Fault) -> bool:
+    """Whether one of the explanations that are told says only what is wrong, without what is perhaps wrong, too."""
+    words = {NAMES[one.name] for one in _wrong(faults)}
+    said = [{name for name in NAMES.values() if name in one.split(PERHAPS)[0]} for one in fault.text.split('; or ')]
+    return any(one and one <= words for one in said)
+
+
+def _wrong(faults: Faults) -> list[Field[Any]]:
+    """The fields that differ from a rig as described."""
+    return [one for one in fields(faults) if getattr(faults, one.name) != one.default]
+
+
+def drone(seed: int) -> Source:
+    """One that flies back and forth ahead, heard and seen."""
+    r = np.random.default_rng([3, seed])
+    wide, fast, period, short, phase = r.uniform((9.0, 3.0, 7.0, 3.0, 0.0), (18.0, 6.0, 13.0, 5.0, 6.0))
+    return Source(lambda t: unit(wide * math.sin(math.tau * t / period + phase) + fast * math.sin(math.tau * t / short), 8.0))
+
+
+def turning(seed: int, largest: float = 20.0) -> Callable[[float], Rotation]:
+    """Attitude of a body that turns to and fro, by up to `largest` (deg)."""
+    r = np.random.default_rng([4, seed])
+    angle, period = r.uniform(0.6 * largest, largest), r.uniform(5.0, 8.0)
+    return lambda t: Rotation.from_euler('z', angle * math.sin(math.tau * t / period), degrees=True)
+
+
+def turning_rig(faults: Faults, seed: int, largest: float = 20.0, **options: Any) -> FaultyRig:
+    """A rig with faults that turns to and fro below a drone.
+
+    Parameters:
+        faults: what is wrong.
+        seed: of everything.
+        largest (deg): that it turns to either side.
+        options: further fields of `FaultyRig`.
+    """
+    return FaultyRig([drone(seed)], seed=seed, faults=faults, attitude=turning(seed, largest), **options)
+
+
+def try_fault(faults: Faults, seed: int, seconds: float, array: str = 'pair') -> Told:
+    """What is told of a rig within `seconds`; see `turning_rig`."""
+    rig = turning_rig(faults, seed, array=array)
+    found: Fault | None = None
+    first = certain = math.inf
+    for t in rig.steps(seconds):
+        fault = rig.stage.consistency.fault if rig.stage.consistency else None
+        if fault is not None and (found is None or fault.is_certain > found.is_certain):
+            found, first = fault, min(first, t)
+            certain = t if fault.is_certain else certain
+    cut = min(first, seconds)
+    before, after = ((lies(rig, begin, end), lies(rig, begin, end, in_world=True))
+                     for begin, end in pairwise((0.0, cut, math.inf)))
+    return Told(found, first, certain, before, after)
+
+
+class Noting(ConsistencyMonitor):
+    """A monitor that keeps what it told: by the text when (s) it was first told, and whether it was ever certain."""
+
+    def __init__(self, motion: RigMotion) -> None:
+        super().__init__(motion)
+        self.told: dict[str, tuple[float, bool]] = {}
+
+    def advance(self, now: float) -> Fault | None:
+        """As of the base."""
+        fault = super().advance(now)
+        if fault is not None:
+            text = next((name for name in NAMES.values() if name in fault.text), fault.text)
+            when, certain = self.told.get(text, (now, False))
+            self.told[text] = when, certain or fault.is_certain
+        return fault
+
+
+def faultless(scenario: str, seed: int) -> tuple[float, list[tuple[str, float, bool]]]:
+    """Simulate a scenario as described: its length (s), and false faults with time (s) and whether they were certain.
+
+    Parameters:
+        scenario: name or file.
+        seed: of its noise.
+    """
+    content = load(Scenario, find_config(scenario, 'scenarios'))
+    rig = load_rig(find_config(content.rig.description))
+    pointing = PointingController(with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal))
+    run = OfflineRun(content, rig, MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal)), seed, pointing, ())
+    monitor = run.rig.fusion.consistency = Noting(run.rig.tracker.motion)
+    run.run(None)
+    told = [(text, when, certain) for text, (when, certain) in monitor.told.items()]
+    told += [(fault.text, content.duration, fault.is_severe) for fault in run.rig.hearing.faults]
+    return content.duration, told
+
+
+def cases(array: str, quick: bool) -> Iterator[Faults]:
+    """The rows of the table: single faults, small ones and pairs.
+
+    Parameters:
+        array: kind of array.
+        quick: single faults only.
+    """
+    for faults in (*SINGLE, *(() if quick else (*SMALL, *TWO)), Faults()):
+        if array == 'pair' or not any(one.name in FOR_PAIR for one in _wrong(faults)):
+            yield faults
