@@ -16,7 +16,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
 from av_evaluation.faults.formula_rig import Source, unit
-from av_fusion.consistency.monitor import PERHAPS, ConsistencyMonitor, Fault
+from av_fusion.consistency.monitor import ConsistencyMonitor, Fault
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
@@ -61,9 +61,9 @@ def title(faults: Faults) -> str:
 
 
 def named(faults: Faults, fault: Fault) -> bool:
-    """Whether one of the explanations that are told says only what is wrong, without what is perhaps wrong, too."""
+    """Whether one of the explanations that are told says only what is wrong."""
     words = {NAMES[one.name] for one in _wrong(faults)}
-    said = [{name for name in NAMES.values() if name in one.split(PERHAPS)[0]} for one in fault.text.split('; or ')]
+    said = [{name for name in NAMES.values() if name in one} for one in fault.text.split('; or ')]
     return any(one and one <= words for one in said)
 
 
