@@ -53,6 +53,16 @@ def sample(process_id: int) -> ProcessSample | None:
     return ProcessSample(MIB * shares['Rss'], MIB * shares.get('Pss', 0), MIB * private, status['Threads'], descriptors)
 
 
+def age_of(process_id: int) -> float:
+    """Time (s) since a process was started; 0 where it has ended (proc(5): field 22 of stat)."""
+    try:
+        started = int((Path('/proc') / str(process_id) / 'stat').read_text().rpartition(')')[2].split()[19])
+        now = float(Path('/proc/uptime').read_text().split()[0])
+    except OSError:
+        return 0.0
+    return now - started / os.sysconf('SC_CLK_TCK')
+
+
 def name_of(process_id: int) -> str:
     """Name of the ROS node of a process, or of its program, or of its parent's; empty where it has ended."""
     try:

@@ -21,7 +21,7 @@ from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.observer import Observer
 from av_evaluation.attack.worker import Worker, WorkerError
 from av_evaluation.namespaces import Host, is_inside
-from av_evaluation.processes import MarkedProcesses, ProcessSample, launched_rig, sample
+from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample
 
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
 MESSAGE_RATE, DATAGRAM_RATE, REQUEST_RATE = 30.0, 60.0, 20.0    # Hz, to each topic, to each port, of all requests
@@ -161,7 +161,6 @@ class Attack:
         given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.offset}', *options.arguments]
         log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
         self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
-        self._since = time.monotonic()
 
     def _worker(self, module: str, prefix: Sequence[str] = ()) -> Worker:
         worker = Worker(module, self._options.out / 'attack.log', prefix)
@@ -227,9 +226,7 @@ class Attack:
 
     def _memory(self) -> Memory:
         """Measurements of each process that need no more memory than it has."""
-        if time.monotonic() - self._since < OLD_S:
-            return {}
-        taken = {number: (name, sample(number)) for name, number in self._parts().items()}
+        taken = {number: (name, sample(number)) for name, number in self._parts().items() if age_of(number) > OLD_S}
         return {number: (name, one) for number, (name, one) in taken.items() if one is not None}
 
     def _tracks(self, since: float, timeout: float) -> float | None:

@@ -21,7 +21,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_evaluation.hearing.free_field import PAIR
-from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox
+from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox, with_own_noise
 from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
@@ -98,7 +98,8 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     another = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
     array = calibrated_ears(azimuths, responses, rate, [another[:2 * rate]])
-    sound = moving_through(signal.resample_poly(recording, rate // 300, RATE // 300), truth, azimuths, responses, rate)
+    voice = signal.resample_poly(recording, rate // 300, RATE // 300)
+    sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
     static, per_frame = StaticRig(array, rate, estimators, detection_stage('shipped')), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):

@@ -89,12 +89,14 @@ def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
 
 
 def at_ears(sound: NDArray, response: Sequence[NDArray] | NDArray) -> NDArray:
-    """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,).
+    """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,)."""
+    return np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
 
-    With the noise of the microphones: without it equal responses, straight ahead, make equal channels, as a copied one is.
-    """
-    clean = np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
-    return clean + OWN_NOISE * clean.std() * np.random.default_rng(0).normal(size=clean.shape)
+
+def with_own_noise(sound: NDArray) -> NDArray:
+    """Sound (n, 2) with the noise of the microphones, without which equal responses make equal channels, as copies are."""
+    noise = OWN_NOISE * sound.std() * np.random.default_rng(0).normal(size=sound.shape)
+    return (sound + noise).astype(sound.dtype)
 
 
 def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray]) -> MicrophoneArray:
@@ -103,7 +105,7 @@ def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Se
     for azimuth, response in zip(azimuths[::2], responses[::2], strict=True):
         for sound in sounds:
             localizer = Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5))
-            _, path = measured_path(EARS, localizer.process(at_ears(sound, response), 0))
+            _, path = measured_path(EARS, localizer.process(with_own_noise(at_ears(sound, response)), 0))
             paths.extend(path)
             angles.extend([azimuth] * len(path))
     return calibrate(EARS, angles, paths).array

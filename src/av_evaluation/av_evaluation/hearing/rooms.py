@@ -16,7 +16,17 @@ from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
 from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, azimuth_error, rms
-from av_evaluation.hearing.places import Field, Head, Window, at_ears, calibrated_ears, free_field, read_responses, rooms
+from av_evaluation.hearing.places import (
+    Field,
+    Head,
+    Window,
+    at_ears,
+    calibrated_ears,
+    free_field,
+    read_responses,
+    rooms,
+    with_own_noise,
+)
 from av_evaluation.hearing.signals import RATE, Source, load_clip
 
 ROOMS = 100
@@ -64,7 +74,7 @@ def kemar(data: Path) -> Iterator[Figure]:
     results = [(np.degrees(wrap(azimuths[k])), azimuth_error(estimate, azimuths[k]))
                for k in range(1, len(azimuths), 2) for clip in clips
                for estimate in Localizer(array, rate, LocalizerSettings(hop_s=0.5)).process(
-                   at_ears(clip[5 * rate:7 * rate], responses[k]), 0)]
+                   with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 0)]
     truth, errors = np.array(results).T
     yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
     yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
