@@ -47,7 +47,6 @@ SWAP_WITHIN_S = 2.5
 STEADY = 3
 CONFIDENT = 0.9
 
-
 # By kind and channels, what is wrong in words.
 Found = dict[tuple[str, tuple[int, ...]], str]
 
@@ -82,17 +81,15 @@ class ChannelHealth:
         channels: their number, m.
         sample_rate (Hz): sample rate.
         array: the microphones; None where they are not known: signs and delays are not judged then.
-        sound_speed (m/s): speed of sound; None for that at 20 degrees Celsius.
     """
 
-    def __init__(self, channels: int, sample_rate: float, array: MicrophoneArray | None = None,
-                 sound_speed: float | None = None) -> None:
+    def __init__(self, channels: int, sample_rate: float, array: MicrophoneArray | None = None) -> None:
         self._channels, self._rate, self._window = channels, sample_rate, round(WINDOW_S * sample_rate)
         neighbours = [(k, (k + 1) % channels) for k in range(channels)]
         self._pairs = neighbours if channels > 2 else neighbours[:channels - 1]
         distances = [0.0 if array is None else float(np.linalg.norm(array.positions[i] - array.positions[j]))
                      for i, j in self._pairs]
-        self._permitted = BODY * np.array(distances) / (sound_speed or speed_of_sound(20.0)) + 1.0 / sample_rate
+        self._permitted = BODY * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
         self._judges_delays = array is not None
         self._evidence: dict[tuple[str, tuple[int, ...]], float] = {}
         self._told: Found = {}

@@ -171,12 +171,17 @@ class PointingController:
     def limit_body(self, rate: float) -> None:
         """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too.
 
-        Infinite where nobody limits it. Raises ValueError for a rate that is not positive.
+        Raises ValueError for a rate that is not positive.
         """
-        if not rate > 0.0:
+        if not 0.0 < rate < math.inf:
             raise ValueError(f'a limit of {rate} rad/s, expected a positive one')
         self._vehicle_rate = rate
         self.body.limit_rate(min(rate, self.settings.yaw.rate))
+
+    def free_body(self) -> None:
+        """Forget the limit of the vehicle: nobody states one any more."""
+        self._vehicle_rate = math.inf
+        self.body.limit_rate(self.settings.yaw.rate)
 
     def limit_rates(self, settings: PointingSettings) -> None:
         """Use the limits of other settings from the next command on; all else stays.

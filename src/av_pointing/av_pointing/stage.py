@@ -97,15 +97,13 @@ class PointingStage:
 
     def on_yaw_rate_limit(self, message: Float32) -> None:
         """Note the largest yaw rate (rad/s) that whoever obeys the commands lets through. Raises ValueError for none."""
-        if not math.isfinite(message.data):
-            raise ValueError(f'a limit of {message.data} rad/s, expected a positive one')
         if 'yaw_rate_limit' not in self.contested:
             self.controller.limit_body(message.data)
 
     def on_limiters(self, number: int) -> None:
         """Note the number of publishers of yaw_rate_limit: a limit ends with the last of them."""
         if not number:
-            self.controller.limit_body(math.inf)
+            self.controller.free_body()
 
     def on_cue(self, message: PointStamped, arrival: Instant) -> None:
         """Note where others say that a target is. Raises ValueError for a place that is none.

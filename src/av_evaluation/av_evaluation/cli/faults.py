@@ -14,6 +14,7 @@ import numpy as np
 
 from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.matrix import SCENARIOS, Told, cases, faultless, named, title, try_fault
+from av_evaluation.runs.program import RunProgress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,11 +36,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _faultless(pool, [(name, seed) for name in options.faultless or SCENARIOS for seed in seeds])
         rows = list(cases(options.array, options.quick))
         jobs = [(faults, seed) for faults in rows for seed in seeds]
+        progress = RunProgress()
+        progress.show(0, len(jobs))
         call = partial(_job, options.seconds, options.array)
         results: dict[str, list[Told]] = {}
         for number, (faults, told) in enumerate(pool.imap(call, jobs), 1):
             results.setdefault(title(faults), []).append(told)
-            _progress(number, len(jobs), title(faults))
+            progress.show(number, len(jobs), title(faults))
     return _print({title(faults): (faults, results[title(faults)]) for faults in rows})
 
 
@@ -71,10 +74,11 @@ def _median(times: list[float]) -> str:
 
 
 def _faultless(pool: multiprocessing.pool.Pool, jobs: list[tuple[str, int]]) -> int:
-    seconds, warnings, errors = 0.0, 0, 0
+    seconds, warnings, errors, progress = 0.0, 0, 0, RunProgress()
+    progress.show(0, len(jobs))
     for number, ((name, seed), (length, told)) in enumerate(zip(jobs, pool.imap(_scenario, jobs), strict=True), 1):
         seconds += length
-        _progress(number, len(jobs), f'{name} {seed}')
+        progress.show(number, len(jobs), f'{name} {seed}')
         for text, when, certain in told:
             warnings, errors = warnings + (not certain), errors + certain
             print(f'{name}, seed {seed}, {when:.0f} s: {"ERROR" if certain else "WARN"} {text}')
@@ -85,10 +89,6 @@ def _faultless(pool: multiprocessing.pool.Pool, jobs: list[tuple[str, int]]) -> 
 
 def _scenario(job: tuple[str, int]) -> tuple[float, list[tuple[str, float, bool]]]:
     return faultless(*job)
-
-
-def _progress(done: int, count: int, name: str) -> None:
-    print(f'\r{done} of {count}: {name:60.60}', end='\n' if done == count else '', file=sys.stderr, flush=True)
 
 
 if __name__ == '__main__':

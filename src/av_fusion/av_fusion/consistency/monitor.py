@@ -71,8 +71,8 @@ PARAMETERS = {
     FOCAL: Part('the focal length is {value:.2f} times that described', 'horizontal_fov_deg or calibration_file of the camera',
                 sigma=0.3, shown=lambda value: math.exp(-value), is_mild=True)}
 # Priors are those of a rig that somebody has just put together. Sound and sight of two different drones, each unheard or unseen
-# by the other sensor, are little more frequent; two signs at once less so. Hypotheses of several
-# parameters are too flexible: among many sources one of them explains everything (`faults --faultless birds_and_drones`).
+# by the other sensor, are little more frequent; two signs at once less so. Hypotheses of several parameters are too flexible:
+# among many sources one of them explains everything (`faults --faultless birds_and_drones`).
 DESCRIBED, OTHERS, TWO = 0.9, 0.02, 0.001
 
 
