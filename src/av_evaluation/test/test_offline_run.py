@@ -13,12 +13,11 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.methods import bearings
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.metrics import figures_of, summarise
-from av_evaluation.runs.cases import Case
-from av_evaluation.runs.runs import changed_scenario
 from av_fusion.gated.tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
+from av_simulator.profile import Profile
 from av_simulator.scenario import load_scenario
 
 
@@ -56,7 +55,8 @@ def test_another_tracker_is_given_the_same_data(run):
 
 def test_a_flying_rig_localises_sound_through_its_ego_rotors():
     """The rotors are as loud as the drone, which fog hides at 7 s; a record of the rig alone makes the directions usable."""
-    scenario = changed_scenario(Case('ego_rotors', 9, changes=(('weather.fog', [[0.0, 0.02], [5.0, 0.02], [7.0, 0.3]]),)))
+    scenario = load_scenario(find_config('ego_rotors', 'scenarios'))
+    scenario = replace(scenario, weather=replace(scenario.weather, fog=Profile((0.0, 5.0, 7.0), (0.02, 0.02, 0.3))))
     run = OfflineRun(scenario, load_rig(find_config('rig')), MultiTargetTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(12.0)

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from av_evaluation.cli.sweep import SWEEPS
-from av_evaluation.cli.sweep import cases_of as cases_of_sweep
-from av_evaluation.cli.sweep import main as run_sweep
+from av_evaluation.cli.evaluate import main as evaluate
 from av_evaluation.experiments.physical import labelled_azimuths, longest_take, moving_through
 from av_evaluation.experiments.publication import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.comparison import write_json
@@ -30,7 +28,7 @@ def made_up(case, error_deg):
 
     def method():
         errors = error_deg + random.normal(0.0, 0.1, len(time))
-        return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), errors, 1.0, 20.0, 1.0, 2.0)
+        return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), 1.0, 20.0, 1.0, 2.0)
     names = [*case.methods, *(f'{name}@{tau:g}' for tau in case.taus for name in ('fused', 'gated'))]
     return RunResult(case.name, case.key, {'input': case.input}, 20.0, {name: method() for name in names},
                      truth={'time': time, 'azimuth': 0.0 * time},
@@ -90,23 +88,12 @@ def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path):
     assert measured_version(tmp_path) == f'{version}, changed'
 
 
-def test_sweeps_lead_to_scenarios_that_can_be_flown(tmp_path):
-    from av_common.microphone_array import MicrophoneArray
-    from av_evaluation.runs.runs import changed_scenario
-    for sweep in SWEEPS.values():
-        cases = [case for several in cases_of_sweep(sweep, 1, 10.0, tmp_path).values() for case in several]
-        assert len({case.key for case in cases}) == len(sweep.values)
-        assert changed_scenario(cases[0]) is not None
-    spacing = cases_of_sweep(SWEEPS['spacing'], 1, 10.0, tmp_path)[0.3][0]
-    assert np.ptp(MicrophoneArray.load(spacing.array).positions[:, 1]) == pytest.approx(0.3)
-
-
 def test_programs_report_errors_and_how_to_continue(tmp_path, monkeypatch, capsys):
     """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
-    assert run_sweep(['wind', '--out', str(tmp_path)]) == 2
-    assert "'wind' is no sweep, only snr" in capsys.readouterr().err
+    assert evaluate(['circle', '--methods', 'guessing', '--out', str(tmp_path)]) == 2
+    assert "method 'guessing', expected one of fused" in capsys.readouterr().err
     monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
-    assert run_sweep(['snr', '--out', str(tmp_path)]) == 130
+    assert evaluate(['circle', '--out', str(tmp_path)]) == 130
     assert 'the same command continues where it stopped' in capsys.readouterr().err
 
 

@@ -3,7 +3,7 @@
 `overlay('1.16')` generates and builds that firmware's package, once, in the project's ignored folder `build`, and returns
 the environment in which a process finds it. Nothing of this is installed with the suite.
 
-python3 src/av_px4/test/px4_layouts.py 1.16 ros2 run av_evaluation latency px4    # any command, with these messages
+python3 src/av_px4/test/px4_layouts.py 1.16 ros2 run av_px4 px4_node    # any command, with these messages
 """
 
 from __future__ import annotations

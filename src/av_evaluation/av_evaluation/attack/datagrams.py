@@ -14,7 +14,7 @@ from random import Random
 import numpy as np
 
 from av_evaluation.attack.hostile import HostileValues
-from av_evaluation.attack.worker import paced, serve
+from av_evaluation.attack.worker import paced
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
@@ -30,8 +30,7 @@ TIMES = (0.0, 1.0, 60.0, 1e4, 1.7e9, 1e300, -1.0, float('nan'), float('inf'))
 BOMB_SIDE = 12_000      # px of an image that is small as a datagram and large in memory
 BOMB_EVERY = 500        # datagrams of the image port
 SOCKETS = 4
-# Of the right layout with hostile values; bytes; times that jump and drift; such as a simulator's.
-KINDS = ('structured', 'random', 'clocks', 'genuine')
+HOST = '127.0.0.1'
 
 
 class Datagrams:
@@ -43,8 +42,7 @@ class Datagrams:
             one.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
         self._bomb = encode_image(EncodedImage(5.0, _bomb(BOMB_SIDE)))
 
-    def attack(self, seconds: float, rate: float, seed: int, offset: int = 0, host: str = '127.0.0.1',
-               kinds: tuple[str, ...] = KINDS) -> dict[str, int]:
+    def attack(self, seconds: float, rate: float, seed: int, offset: int, kinds: tuple[str, ...]) -> dict[str, int]:
         """Send datagrams; returns their number by port.
 
         Parameters:
@@ -52,8 +50,7 @@ class Datagrams:
             rate (Hz): of the datagrams to each port.
             seed: of the random values.
             offset: of all ports.
-            host: address of the receiver.
-            kinds: of KINDS, in turns.
+            kinds: in turns `structured` (the right layout with hostile values), `random` bytes, `clocks` that jump and drift.
         """
         values, sent = HostileValues(Random(seed)), Counter[str]()
         ports = vars(Ports().shifted(offset)) | {'depth': Ports().shifted(offset).depth}
@@ -62,8 +59,8 @@ class Datagrams:
             name, kind = names[number % len(names)], kinds[number // len(names) % len(kinds)]
             elapsed = time.monotonic() - begun
             for datagram in self._datagrams(kind, name, number // len(names), elapsed, values):
-                sent[name] += self._send(datagram, (host, ports[name]), values.random)
-            if name == 'time_sync' and host.startswith('127.'):
+                sent[name] += self._send(datagram, (HOST, ports[name]), values.random)
+            if name == 'time_sync':
                 sent[name] += self._send(datagram, (TIME_SYNC_GROUP, ports[name]), values.random)
         return dict(sent)
 
@@ -76,7 +73,7 @@ class Datagrams:
         if kind == 'structured' and name in ('image', 'depth') and number % BOMB_EVERY == 0:
             return self._bomb
         moments = {'clocks': (0.4 * number, 1e300, elapsed + random.choice((-10.0, -0.4, 0.4, 10.0, 1e4)), 1.001 * elapsed),
-                   'structured': (*TIMES, elapsed), 'genuine': (elapsed,)}
+                   'structured': (*TIMES, elapsed)}
         valid = genuine(name, number, random.choice(moments[kind]), values)
         return [values.mutilate(valid) if kind == 'structured' and random.random() < 0.8 else valid]
 
@@ -131,12 +128,3 @@ def _bomb(side: int) -> bytes:
     rows = b''.join(packer.compress(row) for _ in range(side)) + packer.flush()
     header = struct.pack('>2I5B', side, side, 8, 0, 0, 0, 0)
     return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + chunk(b'IDAT', rows) + chunk(b'IEND', b'')
-
-
-def main() -> None:
-    """Send what is asked for until standard input is closed."""
-    serve({'attack': Datagrams().attack})
-
-
-if __name__ == '__main__':
-    main()

@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool
 
 from av_evaluation.attack import observer
 from av_evaluation.attack.hostile import MARK, HostileValues
-from av_evaluation.attack.worker import paced, serve
+from av_evaluation.attack.worker import paced
 
 NAME = 'attack_messages'
 OWN = (NAME, observer.NAME)
@@ -298,13 +298,7 @@ def _qos(subscribers: list[Any]) -> QoSProfile:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
-def main() -> None:
-    """Send what is asked for until standard input is closed."""
-    rclpy.init()
-    node = Messages()
-    serve({function.__name__: function for function in (node.find, node.attack, node.request, node.restore, node.enable)})
-    rclpy.try_shutdown()
-
-
-if __name__ == '__main__':
-    main()
+def connected() -> Messages:
+    """The attacker of a process, which is connected to the middleware."""
+    rclpy.init(args=[])
+    return Messages()

@@ -7,7 +7,6 @@ import math
 import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -17,10 +16,11 @@ from dataclasses import asdict, dataclass, field
 from itertools import count
 from pathlib import Path
 
+from av_evaluation.attack.datagrams import Datagrams
 from av_evaluation.attack.judges import Findings
+from av_evaluation.attack.messages import connected
 from av_evaluation.attack.observer import Observer
-from av_evaluation.attack.worker import Worker, WorkerError
-from av_evaluation.namespaces import Host, is_inside
+from av_evaluation.attack.worker import Worker, WorkerError, answer
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample
 
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
@@ -32,12 +32,9 @@ STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the mome
 ANSWER_S = 30.0            # for which a worker may be late
 MOST_GROWTH = 20.0         # MiB, of a process over all attacks
 MOST_RECOVERY_S, MOST_RECOVERY_PROCESS_S, MOST_RESPAWN_S = 1.0, 3.0, 2.0
-LEAST_SHARE = 0.95         # of the bearings that stay true while another host attacks
 OLD_S = 10.0               # age from which a process has all the memory that it needs
 NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
 COMMANDS = '/pointing/command'
-HERE, THERE = '10.87.0.1', '10.87.0.2'    # addresses of this host and of the other one
-# Cyclone DDS would choose the cable to the other host.
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
 IN_TIME = 'tracking and processes are back in time'
@@ -112,8 +109,8 @@ class Attack:
         self._killed: set[int] = set()
         self._opened, self._launched = ExitStack(), ExitStack()
         self.kinds: dict[str, Callable[[Result], None]] = {
-            'messages': self._messages, 'datagrams': self._datagrams, 'another host': self._another_host,
-            'requests': self._requests, 'no inputs': self._no_inputs, 'disabled': self._disabled}
+            'messages': self._messages, 'datagrams': self._datagrams, 'requests': self._requests,
+            'no inputs': self._no_inputs, 'disabled': self._disabled}
         self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
 
     def run(self) -> int:
@@ -145,13 +142,7 @@ class Attack:
         self._launch()
         self._observer = Observer()
         self._opened.callback(self._observer.close)
-        self._peer, self._sender = self._worker('messages'), self._worker('datagrams')
-        self._foreigner: Worker | None = None
-        if is_inside():
-            with suppress(OSError, subprocess.SubprocessError):
-                host = Host('attack0', f'{THERE}/24', f'{HERE}/24')
-                self._opened.callback(host.close)
-                self._foreigner = self._worker('datagrams', host.prefix)
+        self._peer, self._sender = self._worker(connected), self._worker(Datagrams)
 
     def _launch(self) -> None:
         """Start the rig, and end the one before with all its processes."""
@@ -162,8 +153,8 @@ class Attack:
         log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
         self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
 
-    def _worker(self, module: str, prefix: Sequence[str] = ()) -> Worker:
-        worker = Worker(module, self._options.out / 'attack.log', prefix)
+    def _worker(self, make: Callable[[], object]) -> Worker:
+        worker = Worker(make, self._options.out / 'attack.log')
         self._opened.callback(worker.close)
         return worker
 
@@ -174,9 +165,6 @@ class Attack:
     def _plan(self) -> Iterator[tuple[str, str]]:
         """Kinds of attacks with the process that they concern, round after round until the time is over."""
         kinds = [kind for kind in (*self.kinds, *self.process_kinds) if not self._options.only or kind in self._options.only]
-        if self._foreigner is None and 'another host' in kinds:
-            kinds.remove('another host')
-            print('attack: no other host can be made here, so none attacks', file=sys.stderr)
         self._begun, next_victims = time.monotonic(), dict[str, list[str]]()
         for number in count():
             for kind in kinds:
@@ -251,14 +239,12 @@ class Attack:
 
     def _send(self, result: Result, datagrams: Sequence[str] = (), **messages: object) -> None:
         """Attack ports by kinds of datagrams, and topics where options of `Messages.attack` are given, at once."""
-        if datagrams:
-            self._sender.send('attack', seconds=SECONDS, rate=DATAGRAM_RATE, seed=self._seed(), offset=self._options.offset,
-                              kinds=datagrams)
-        if messages:
-            result.add(self._peer.call('attack', SECONDS + ANSWER_S, seconds=SECONDS, rate=MESSAGE_RATE, seed=self._seed(),
-                                       **messages))
-        if datagrams:
-            result.add(self._sender.receive(SECONDS + ANSWER_S))
+        common = {'seconds': SECONDS, 'seed': self._seed()}
+        calls = [self._sender.send('attack', **common, rate=DATAGRAM_RATE, offset=self._options.offset, kinds=datagrams)
+                 ] if datagrams else []
+        calls += [self._peer.send('attack', **common, rate=MESSAGE_RATE, **messages)] if messages else []
+        for call in calls:
+            result.add(answer(call, SECONDS + ANSWER_S))
 
     def _messages(self, result: Result) -> None:
         """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic."""
@@ -267,17 +253,6 @@ class Attack:
     def _datagrams(self, result: Result) -> None:
         """Datagrams of the right layout with hostile values, of random bytes, and of times that jump, to every port."""
         self._send(result, ('structured', 'random', 'clocks'))
-
-    def _another_host(self, result: Result) -> None:
-        """Datagrams from another host, some as a simulator sends them: nobody may notice."""
-        assert self._foreigner is not None
-        begun = time.time()
-        result.add(self._foreigner.call('attack', SECONDS + ANSWER_S, seconds=SECONDS, rate=DATAGRAM_RATE, seed=self._seed(),
-                                        offset=self._options.offset, host=HERE, kinds=('structured', 'genuine')))
-        with self._observer.lock:
-            found = self._observer.bearings.faults(begun + 0.5)
-        if (share := found[''] / max(found.total(), 1)) < LEAST_SHARE:
-            result.late.append(f'only {share:.0%} of the bearings were true while another host sent')
 
     def _requests(self, result: Result) -> None:
         """Transitions and parameters; what a permitted peer changed is restored."""
@@ -292,7 +267,7 @@ class Attack:
         os.kill(simulator, signal.SIGSTOP)
         try:
             self._forbid_motion()
-            self._send(result, ('random',), stale=True, spare=[COMMANDS])
+            self._send(result, ('random',), stale=True, spare=(COMMANDS,))
         finally:
             self._permit_motion()
             with suppress(ProcessLookupError):
@@ -304,7 +279,7 @@ class Attack:
             result.faults.append('pointing could not be disabled')
             return
         self._forbid_motion()
-        self._send(result, ('structured',), spare=[COMMANDS])
+        self._send(result, ('structured',), spare=(COMMANDS,))
         self._permit_motion()
         self._peer.call('restore', timeout=60.0)
 

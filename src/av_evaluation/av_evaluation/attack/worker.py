@@ -1,14 +1,12 @@
-"""Processes that attack: they take calls as lines of JSON, answer each with one, and send at a steady rate."""
+"""Processes that attack, which leave this one to the observer, and what sends at a steady rate."""
 
 from __future__ import annotations
 
-import json
-import select
-import subprocess
-import sys
+import multiprocessing
+import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,64 +18,50 @@ class WorkerError(RuntimeError):
 
 
 class Worker:
-    """Starts a module of this package as a process, and calls its functions.
+    """An object in a process of its own.
 
     Parameters:
-        module: name of the module, which calls `serve`.
+        make: makes the object there; a function of a module.
         log: file to which is appended what the process says; the middleware says much.
-        prefix: words of a command that runs the process, such as `nsenter`.
     """
 
-    def __init__(self, module: str, log: Path, prefix: Sequence[str] = ()) -> None:
-        self._module = module
-        with log.open('ab') as output:
-            self._process = subprocess.Popen(
-                [*prefix, sys.executable, '-m', f'av_evaluation.attack.{module}'], stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE, stderr=output, text=True)
+    def __init__(self, make: Callable[[], object], log: Path) -> None:
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context('spawn'), _start, (make, log))
 
-    def send(self, function: str, **arguments: Any) -> None:
-        """Request a call without waiting for its result. Raises WorkerError where the process has ended."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps([function, arguments]) + '\n')
-            self._process.stdin.flush()
-        except OSError as error:
-            raise WorkerError(f'{self._module} has ended') from error
+    def send(self, method: str, **arguments: Any) -> Future[Any]:
+        """Call a method of the object without waiting for its result; of calls each waits for the one before."""
+        return self._pool.submit(_call, method, arguments)
 
-    def receive(self, timeout: float) -> Any:
-        """The result of the call before. Raises WorkerError after `timeout` (s), or where the call failed."""
-        assert self._process.stdout is not None
-        if not select.select([self._process.stdout], [], [], timeout)[0]:
-            raise WorkerError(f'{self._module} does not answer')
-        line = self._process.stdout.readline()
-        if not line:
-            raise WorkerError(f'{self._module} has ended')
-        answer = json.loads(line)
-        if 'error' in answer:
-            raise WorkerError(f'{self._module}: {answer["error"]}')
-        return answer['result']
-
-    def call(self, function: str, timeout: float = 30.0, **arguments: Any) -> Any:
-        """Call a function and wait for its result. Raises WorkerError."""
-        self.send(function, **arguments)
-        return self.receive(timeout)
+    def call(self, method: str, timeout: float = 30.0, **arguments: Any) -> Any:
+        """Call a method of the object and wait for its result. Raises WorkerError after `timeout` (s), or where it fails."""
+        return answer(self.send(method, **arguments), timeout)
 
     def close(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self._process.wait(10.0)
+        """Let the process end, at the latest after its call."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
 
-def serve(functions: Mapping[str, Callable[..., Any]]) -> None:
-    """Answer calls by name until standard input is closed: the body of a worker's `main`."""
-    for line in sys.stdin:
-        name, arguments = json.loads(line)
-        try:
-            answer = {'result': functions[name](**arguments)}
-        except Exception as error:  # noqa: BLE001  the program decides
-            answer = {'error': f'{name}: {type(error).__name__}: {error}'}
-        with suppress(BrokenPipeError):
-            print(json.dumps(answer), flush=True)
+def answer(call: Future[Any], timeout: float) -> Any:
+    """The result of a call. Raises WorkerError after `timeout` (s), or where the call failed."""
+    try:
+        return call.result(timeout)
+    except Exception as error:
+        raise WorkerError(f'{type(error).__name__}: {error}') from error
+
+
+_served: object = None
+
+
+def _start(make: Callable[[], object], log: Path) -> None:
+    global _served
+    with log.open('ab') as output:
+        for descriptor in (1, 2):
+            os.dup2(output.fileno(), descriptor)
+    _served = make()
+
+
+def _call(method: str, arguments: dict[str, Any]) -> Any:
+    return getattr(_served, method)(**arguments)
 
 
 def paced(seconds: float, rate: float, meanwhile: Callable[[], None] = lambda: None) -> Iterator[int]:

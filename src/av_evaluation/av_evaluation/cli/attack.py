@@ -9,30 +9,22 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from av_evaluation import namespaces
 from av_evaluation.attack.program import Attack, Options
 
-KINDS = ('messages', 'datagrams', 'another host', 'requests', 'no inputs', 'disabled', 'kill', 'stop')
+KINDS = ('messages', 'datagrams', 'requests', 'no inputs', 'disabled', 'kill', 'stop')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the attacks and print their table; returns 1 where a verdict fails."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog='attack', description=__doc__)
     parser.add_argument('--minutes', type=_positive, default=10.0, help='duration, of one round at least (%(default)g)')
     parser.add_argument('--only', action='append', default=[], choices=KINDS, metavar='ATTACK',
                         help=f'one kind of attack, may be repeated: {", ".join(KINDS)}')
     parser.add_argument('--out', type=Path, help='folder for the table, the data and what the rig prints')
     parser.add_argument('--seed', type=int, default=0, help='of all random values (%(default)s)')
-    parser.add_argument('--port-offset', type=int, default=0, help='of the UDP ports, where the machine gives no network')
-    parser.add_argument('--here', action='store_true', help='attack in this network instead of one made for it')
+    parser.add_argument('--port-offset', type=int, default=0, help='of the UDP ports, beside another rig')
     parser.add_argument('launch', nargs='*', metavar='NAME:=VALUE', help='further arguments of rig.launch.py')
-    options = parser.parse_args(given)
-    if not options.here and not namespaces.is_inside():
-        reason = namespaces.enter('av_evaluation.cli.attack', given)
-        print(f'attack: no network of its own, and no other host ({reason}): attacking in this one', file=sys.stderr)
-    if namespaces.is_inside():
-        namespaces.prepare_loopback()
+    options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
     return Attack(Options(options.minutes, out, tuple(options.only), options.seed, options.port_offset,

@@ -32,6 +32,7 @@ def sections(count: int, data: Path) -> Sections:
         'several': partial(free_field.several, min(count, 100), sources),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
         'kemar': partial(rooms.kemar, data),
+        'cost': free_field.cost,
     }
 
 

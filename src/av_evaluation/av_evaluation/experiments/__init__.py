@@ -1,1 +1,1 @@
-"""The publication's experiments and sweeps."""
+"""The publication's experiments."""

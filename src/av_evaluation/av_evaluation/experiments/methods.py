@@ -2,13 +2,10 @@
 
 A direction of arrival is evaluated at its stamp, the centre of its window; its delay counts as latency. A tracker is evaluated
 at the time of its estimate. Methods that cannot resolve front and back are given the true hemisphere, as in the
-publication, or the hypothesis of the published controller (`unaided.py`). Other trackers use no truth.
+publication. Other trackers use no truth.
 """
 
 from __future__ import annotations
-
-import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +16,9 @@ from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
-from av_fusion.gated.tracker import GatedSettings, GatedTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
-from av_fusion.measurement.rig_motion import Pose
 from av_fusion.methods import TRACKERS
 from av_fusion.settings import make_tracker
-from av_fusion.state_machine import MachineSettings
 
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
@@ -75,8 +69,7 @@ def estimators_of(methods: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if name in DOA_METHODS.names and name != OWN_METHOD))
 
 
-def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU, aided: bool = True
-             ) -> tuple[NDArray, NDArray]:
+def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU) -> tuple[NDArray, NDArray]:
     """Times (n, s) and azimuths (n, rad, body frame) of one method, median-filtered in the world frame.
 
     They are empty where the target was not detected. Raises UnavailableError where the run lacks the measurements that the
@@ -87,12 +80,11 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = D
         record: measurements of the run.
         log: truth, measurements and bearings of the run.
         tau: score from which a detection counts.
-        aided: whether methods that need it are given the true hemisphere.
     """
     check_methods((method,))
     observed = False
     if is_tracker(method):
-        series = track(method, record, log, tau, aided)
+        series = track(method, record, log, tau)
         known = series['state'] != State.NONE
         time = series['time'][known]
         world = wrap(series['azimuth'][known] + log.heading(time))
@@ -106,14 +98,13 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = D
         world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
     else:
-        directions = _directions(method, record)
-        time, world = _nearest(directions, log) if aided else chosen_hypotheses(directions, record, tau)
+        time, world = _nearest(_directions(method, record), log)
     if not time.size and not observed:
         raise UnavailableError(f'{method}: no measurements')
     return time, wrap(_median(world) - log.heading(time))
 
 
-def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU, aided: bool = True) -> Series:
+def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU) -> Series:
     """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
 
     Parameters:
@@ -121,14 +112,13 @@ def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFA
         record: measurements of the run.
         log: of the run.
         tau: gate on the score of detections.
-        aided: as for `bearings`.
     """
     if method == 'fused' and tau == DEFAULT_TAU:
         return log.fused
     if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
     if is_folded(method):
-        record = record.with_directions(_resolved(_directions(method, record), record, log, tau, aided))
+        record = record.with_directions(_resolved(_directions(method, record), log))
     return record.replay(make_tracker(node_parameters(
         'av_fusion', 'fusion_node', overrides={'method': OWN_TRACKERS.get(method, method), 'tau': tau})))
 
@@ -141,15 +131,12 @@ def _directions(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
     return record.doa.get(ESTIMATORS.get(method, method), [])
 
 
-def _resolved(directions: list[DoaMeasurement], record: MeasurementRecord, log: RunLog, tau: float,
-              aided: bool) -> list[DoaMeasurement]:
-    """Directions with one hypothesis each: the one nearest to the truth, or that of the published controller."""
+def _resolved(directions: list[DoaMeasurement], log: RunLog) -> list[DoaMeasurement]:
+    """Directions with one hypothesis each, the one nearest to the truth, in the order in which their windows end."""
     directions = sorted((one for one in directions if one.hypotheses), key=lambda one: one.time + 0.5 * one.window)
-    _, world = _nearest(directions, log) if aided else chosen_hypotheses(directions, record, tau)
-    time = np.array([one.time for one in directions])[len(directions) - len(world):]
-    azimuths = wrap(world - log.heading(time))
+    time, world = _nearest(directions, log)
     return [one._replace(hypotheses=(Hypothesis(float(azimuth), one.hypotheses[0].across_variance),), cone=None)
-            for one, azimuth in zip(directions[len(directions) - len(world):], azimuths, strict=True)]
+            for one, azimuth in zip(directions, wrap(world - log.heading(time)), strict=True)]
 
 
 def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
@@ -170,46 +157,3 @@ def _median(azimuth: NDArray) -> NDArray:
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(azimuth, MEDIAN // 2, mode='edge'), MEDIAN)
     centre = azimuth[:, None]
     return wrap(azimuth + np.median(wrap(windows - centre), axis=1))
-
-
-def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: MeasurementRecord,
-                      tau: float) -> tuple[NDArray, NDArray]:
-    """Ends of windows (n, s), and world azimuth (n, rad) of the hypothesis that the published controller takes in each.
-
-    The controller uses the run's poses and camera measurements, with these directions in place of the run's own.
-
-    Parameters:
-        measurements: directions of arrival.
-        record: measurements of the run.
-        tau: gate on the score of detections.
-    """
-    tracker = GatedTracker(GatedSettings(machine=MachineSettings(tau=tau)))
-    waiting = sorted((measurement for measurement in measurements if measurement.hypotheses), key=_end, reverse=True)
-    times, azimuths = [], []
-
-    def add_until(now: float) -> None:
-        while waiting and _end(waiting[-1]) <= now:
-            measurement = waiting.pop()
-            tracker.add_doa(measurement)
-            if tracker.chosen_azimuth is not None:
-                times.append(_end(measurement))
-                azimuths.append(tracker.chosen_azimuth)
-
-    for event in record.events:
-        if isinstance(event, DoaMeasurement):
-            continue
-        if isinstance(event, CameraMeasurement):
-            add_until(event.time)
-            tracker.add_camera(event)
-        elif isinstance(event, Pose):
-            add_until(event.time)
-            tracker.add_pose(event)
-        else:
-            add_until(event)
-    add_until(math.inf)
-    return np.array(times), np.array(azimuths)
-
-
-def _end(measurement: DoaMeasurement) -> float:
-    """End (s) of a measurement's window."""
-    return measurement.time + 0.5 * measurement.window

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from time import process_time
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from std_msgs.msg import Header
 
 from av_audio.directions import angle_to_axis
+from av_audio.drone_classifier import load_model
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.messages import audio_frame
+from av_audio.stage import DoaStage
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
+from av_common.stamps import to_stamp
 from av_evaluation.figures import Figure
+from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
@@ -186,6 +193,21 @@ def several(count: int, sources: Sources) -> Iterator[Figure]:
         for number, below_db in ((1, 0.0), (2, 0.0), (2, 6.0), (2, 10.0), (3, 0.0)):
             yield from _several_figures(f'{name}, {number} sources, {0.0 - below_db:g} dB', array, number, below_db, count,
                                         list(sources.values()))
+
+
+def cost(seconds: float = 10.0) -> Iterator[Figure]:
+    """Processor time of the stage of doa_node as shipped, with two sources, for one thread with OMP_NUM_THREADS=1."""
+    rng, settings = np.random.default_rng(72), LocalizerSettings()
+    for array in ARRAYS.values():
+        sound = sum((rotors(rng, seconds, -array.positions @ angles_to_direction(azimuth) / C) for azimuth in (-0.7, 0.5)),
+                    np.zeros((round(seconds * RATE), array.channels)))
+        stage, block = DoaStage(array, settings, drone_model=load_model('')), round(settings.hop_s * RATE)
+        frames = [audio_frame(part.astype(np.float32), block * k, RATE, Header(stamp=to_stamp(1.0 + block * k / RATE)))
+                  for k, part in enumerate(np.split(add_noise(rng, sound, 15.0), round(seconds * RATE / block)))]
+        begun = process_time()
+        for k, frame in enumerate(frames):
+            stage.on_audio(frame, 1.0 + block * (k + 1) / RATE)
+        yield Figure(f'{array.name}: of a core', 100.0 * (process_time() - begun) / seconds, '%')
 
 
 def _several_figures(name: str, array: MicrophoneArray, number: int, below_db: float, count: int, sources: list[Source]

@@ -20,7 +20,7 @@ Figures = Mapping[str, float | None]
 COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0, '{:.2f}°'),
            ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
            ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
-TIMES = (('unaided_rmse_deg', 'unaided', 1.0, '{:.2f}°'), ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
+TIMES = (('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
          ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
          ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
 
@@ -124,9 +124,8 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
     page.table(*rows_of(metrics), ours=label('fused'))
     page.paragraph('Errors count from the first detection; without one, from the first bearing with resolved front '
                    'and back. All methods get the same data and the same median filter. Methods of sound alone, and the '
-                   'Kalman filter, are given the true one of two hypotheses and evaluated at the centre of their window; '
-                   '"unaided" is their RMSE with the hypothesis of the published controller, at the time of arrival. Fused, '
-                   'gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
+                   'Kalman filter, are given the true one of two hypotheses and evaluated at the centre of their window. '
+                   'Fused, gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
     page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')
     add_taus(page, runs)
     inputs = list(dict.fromkeys(run.case['input'] for run in runs))
@@ -135,8 +134,6 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         for name in inputs:
             page.heading(name, 3)
             page.table(*rows_of(metrics_of([run for run in runs if run.case['input'] == name])), ours=label('fused'))
-    if len(inputs) == 2:
-        add_domains(page, *([run for run in runs if run.case['input'] == name] for name in inputs))
     page.heading('Run by run')
     for run in runs:
         page.heading(run.name, 3)
@@ -156,18 +153,6 @@ def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
         curves = {name: (list(taus), [number(taus[tau][name], 'rmse_deg') for tau in taus]) for name in ('fused', 'gated')}
         page.heading('Sensitivity to the gate tau')
         page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the score of detections.')
-
-
-def add_domains(page: Page, one: Sequence[RunResult], other: Sequence[RunResult]) -> None:
-    """Add the comparison of two domains.
-
-    Parameters:
-        page: that gets the table.
-        one: runs of the first domain.
-        other: runs of the second domain.
-    """
-    page.heading('Two domains', 3)
-    page.table(*domain_rows(one, other))
 
 
 def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[list[str], list[list[str]]]:

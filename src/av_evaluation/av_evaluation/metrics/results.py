@@ -31,7 +31,6 @@ class MethodResult:
         error_time (m, s): of the bearings with a truth.
         error_deg (m, degrees): signed errors.
         opposite (m,): whether front and back are confused; empty where the true hemisphere is given.
-        unaided_deg (k, degrees): signed errors with the hypothesis of the published controller.
         coverage: share of the time with a valid bearing.
         latency_ms (ms): from the capture of the newest measurement to the bearing, median.
         time_to_resolve_s (s): to resolve front and back; nan but for trackers.
@@ -43,7 +42,6 @@ class MethodResult:
     error_time: NDArray
     error_deg: NDArray
     opposite: NDArray
-    unaided_deg: NDArray
     coverage: float
     latency_ms: float = math.nan
     time_to_resolve_s: float = math.nan
@@ -64,7 +62,6 @@ class RunResult:
         notes: on the origin of the data.
         truth: columns `time` (s) and `azimuth` (rad, body frame); empty without truth.
         state: columns `time` (s), `state` and `sigma` (rad) of the track.
-        plot: PNG of the run.
         in_picture: share of the time with the target in the picture, of that for which the camera could see it if it looked
             there; nan where that is not known.
         seen_s (s): from the first measurement of sound to the first detection; nan without either.
@@ -80,13 +77,12 @@ class RunResult:
     notes: list[str] = field(default_factory=list)
     truth: Columns = field(default_factory=dict)
     state: Columns = field(default_factory=dict)
-    plot: bytes = b''
     in_picture: float = math.nan
     seen_s: float = math.nan
     tracks: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
+        """Write `<name>-<key>.npz`."""
         columns: dict[str, Any] = {f'{name}/{key}': value for name, method in self.methods.items()
                    for key, value in vars(method).items() if isinstance(value, np.ndarray)}
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
@@ -94,8 +90,6 @@ class RunResult:
                    for name, method in self.methods.items()}
         kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'tracks', 'missing', 'notes')
         header = {key: getattr(self, key) for key in kept}
-        if self.plot:
-            (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)
         content = io.BytesIO()
         np.savez_compressed(content, words=np.array(json.dumps([header, numbers])), **columns)
         partial = folder / f'{self.name}-{self.key}.part'
@@ -117,8 +111,7 @@ class RunResult:
                     return None
                 columns = {column: kept[column] for column in kept.files}
             header, numbers = json.loads(str(columns.pop('words')))
-            plot = folder / f'{name}-{key}.png'
-            result = cls(**header, plot=plot.read_bytes() if plot.exists() else b'')
+            result = cls(**header)
         except (OSError, ValueError, KeyError, MemoryError, BadZipFile):  # absent, or incomplete
             return None
         for method, values in numbers.items():
@@ -158,8 +151,6 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
     figures = {key: errors[key] for key in KEPT}
     each = [rmse(result.error_deg) for _, result in results if result.error_deg.size]
     figures['worst_rmse_deg'] = max(each, default=math.nan)
-    unaided = np.concatenate([result.unaided_deg for _, result in results])
-    figures['unaided_rmse_deg'] = rmse(unaided) if unaided.size else math.nan
     for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))

@@ -16,7 +16,6 @@ HEIGHT_M = 1.5  # of the rigs
 SURVEYED = math.radians(0.1)  # standard deviation of a surveyed heading
 SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))
 PARTITION = (15.0, 25.0)  # s, beginning and end
-IDEAL = LinkModel(0.0, 0.0)
 TRIANGLE = ((-20.0, 0.0), (20.0, 0.0), (0.0, 35.0))
 
 
@@ -80,29 +79,17 @@ def wrong_clocks(seed: int, offset: float = 0.05, heading: float = math.radians(
     return NetworkSimulation(rigs, _flights(seed, 5), 61.0, seed, SensingModel(seen=seen))
 
 
-def square(seed: int, rigs: int = 4, drones: int = 3, duration: float = 40.0, link: LinkModel = IDEAL) -> NetworkSimulation:
-    """Surveyed rigs on the corners of a square, and drones that all of them measure.
-
-    Parameters:
-        seed: of all draws.
-        rigs: their number, up to 4.
-        drones: their number.
-        duration (s): of the run.
-        link: the network.
-    """
-    models = [RigModel(f'rig{index + 1}', (*place, HEIGHT_M)) for index, place in enumerate(SQUARE[:rigs])]
-    return NetworkSimulation(models, _flights(seed, drones), duration, seed, SensingModel(), link)
-
-
 def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
-    """Four rigs and three drones, as a node beside the first two rigs and one beside the others get their reports.
+    """Four rigs on a square and three drones, as nodes beside the first two rigs and beside the others get their reports.
 
     Messages take 0.2 s and more, a fifth is lost, and from PARTITION on neither pair hears of the other one.
 
     Parameters:
         seed: of all draws, the same for both nodes.
     """
-    first, second = (square(seed, link=LinkModel(0.2, 0.02, 0.2, PARTITION, others))
+    rigs = [RigModel(f'rig{index + 1}', (*place, HEIGHT_M)) for index, place in enumerate(SQUARE)]
+    first, second = (NetworkSimulation(rigs, _flights(seed, 3), 40.0, seed, SensingModel(),
+                                       LinkModel(0.2, 0.02, 0.2, PARTITION, others))
                      for others in (('rig3', 'rig4'), ('rig1', 'rig2')))
     return first, second
 

@@ -7,7 +7,6 @@ import json
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import av_audio
 import av_bags
@@ -40,10 +39,8 @@ class Case:
         duration (s): 0 for that of the input.
         model: ONNX file of the detector, 'shipped', or '' for the simulator's visual oracle or the recorded detections.
         follow: whether the rig of a scenario obeys the pointing controller, or moves as the scenario defines.
-        changes: values of the scenario's file by dotted keys.
         rig: name or file of the rig's description, '' for the scenario's.
-        array: array file in place of the rig's.
-        band_hz (Hz), max_sources: band and largest number of sources of the localizer in scenarios.
+        max_sources: largest number of sources of the localizer in scenarios.
         stage: of a bag, from which to compute, see `ReplaySettings`.
         parameters: parameter files for a bag.
         remap: remappings of a bag's topics.
@@ -58,10 +55,7 @@ class Case:
     duration: float = 0.0
     model: str = ''
     follow: bool = True
-    changes: tuple[tuple[str, Any], ...] = ()
     rig: str = ''
-    array: str = ''
-    band_hz: tuple[float, float] = (200.0, 4000.0)
     max_sources: int = LocalizerSettings.max_sources
     stage: str = ''
     parameters: tuple[str, ...] = ()
@@ -81,13 +75,12 @@ class Case:
         if self.data:
             return stem
         rig = f'_{Path(self.rig).stem}' if self.rig else ''
-        changes = ''.join(f'_{key.split(".")[-1]}={value}' for key, value in self.changes if isinstance(value, int | float))
-        return stem if self.is_bag else f'{stem}_{self.seed}{rig}{changes}'
+        return stem if self.is_bag else f'{stem}_{self.seed}{rig}'
 
     @property
     def key(self) -> str:
         """Digest of everything that the result depends on: case, files, detector, and code, also that of others' methods."""
-        files = ('' if self.data else self.input, self.model, self.array, *self.parameters)
+        files = ('' if self.data else self.input, self.model, *self.parameters)
         others = [*code_of(self.methods), DETECTORS.code(self.model) if self.model != 'shipped' else '']
         content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code(), *others])
         return hashlib.sha256(content.encode()).hexdigest()[:12]

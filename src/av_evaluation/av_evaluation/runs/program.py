@@ -62,7 +62,6 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
     add = parser.add_argument
     add('--out', type=Path, required=True, help=f'folder for {written} and the result of each run')
     add('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
-    add('--scheduler', default='', metavar='ADDRESS', help='address of a Dask scheduler whose cluster computes the runs')
     add('--quiet', action='store_true', help='print no progress')
 
 
@@ -96,8 +95,7 @@ def compute(groups: Mapping[Group, Sequence[Case]],
         options: those of `add_run_options`.
     """
     cases = list(dict.fromkeys(case for group in groups.values() for case in group))
-    results, failures = run_cases(cases, options.out / 'runs', options.workers, options.scheduler,
-                                  RunProgress(options.quiet).show)
+    results, failures = run_cases(cases, options.out / 'runs', options.workers, RunProgress(options.quiet).show)
     for name, reason in failures.items():
         print(f'{name} failed: {reason}', file=sys.stderr)
     done = {result.key: result for result in results}

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from av_audio.localizer import LocalizerSettings
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
-from av_common.config_reader import ConfigError, load
-from av_common.files import shown
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import UnavailableError, bearings, estimators_of, is_folded, is_tracker, track
 from av_evaluation.experiments.offline_run import OfflineRun
@@ -23,14 +19,13 @@ from av_evaluation.metrics.metrics import compare, coverage_of, instants, summar
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_evaluation.report.plot import draw
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario
+from av_simulator.scenario import load_scenario
 
 
 def run_case(case: Case) -> RunResult:
@@ -39,9 +34,6 @@ def run_case(case: Case) -> RunResult:
     result = evaluate_run(case.name, log, record, case.methods, case.taus)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
-    content = io.BytesIO()
-    draw(log, content, case.name)
-    result.plot = content.getvalue()
     return result
 
 
@@ -97,9 +89,7 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, a
     grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
     folded = is_folded(method)
     opposite = np.zeros(0, bool) if folded else compared.opposite
-    unaided = compare(*bearings(method, record, log, tau, aided=False), log, acquired) if folded else compared
-    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, unaided.error_deg,
-                          coverage_of(grid, time))
+    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, coverage_of(grid, time))
     if is_tracker(method) and not folded:
         series = track(method, record, log, tau)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
@@ -117,51 +107,22 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, a
 
 
 def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    scenario = changed_scenario(case)
+    scenario = load_scenario(find_config(case.input, 'scenarios'))
     rig = load_rig(find_config(case.rig or scenario.rig.description))
-    if case.array:
-        rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
     settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
     pointing = PointingController(settings) if case.follow else None
     tracker = MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal))
     run = OfflineRun(scenario, rig, tracker, case.seed, pointing, estimators_of(case.methods),
                      detection_stage(case.model) if case.model else None,
-                     settings=LocalizerSettings(band_hz=case.band_hz, max_sources=case.max_sources))
+                     settings=LocalizerSettings(max_sources=case.max_sources))
     run.run(case.duration or None)
     return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
-
-
-def changed_scenario(case: Case) -> Scenario:
-    """The scenario of a case with its changes. Raises OSError, or ConfigError with file and key."""
-    def change(content: Any) -> None:
-        for key, value in case.changes:
-            _set(content, key, value)
-
-    return load(Scenario, find_config(case.input, 'scenarios'), change)
-
-
-def _set(content: Any, key: str, value: Any) -> None:
-    """Set the value at a dotted key, with numbers for entries of lists. Raises ConfigError below a single value."""
-    *path, last = key.split('.')
-    place = content
-    try:
-        for part in path:
-            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-        if isinstance(place, list):
-            place[int(last)] = value
-        elif isinstance(place, dict):
-            place[last] = value
-        else:
-            raise TypeError(f'a value, {last} is below it')
-    except (AttributeError, TypeError, ValueError, IndexError) as error:
-        raise ConfigError(f'{key}: nothing can be changed here, below {shown(place)}') from error
 
 
 def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     record = MeasurementRecord()
     settings = ReplaySettings(stage=case.stage, model=case.model, parameters=case.parameters, namespace=case.namespace,
-                              remappings=parse_remappings(case.remap), array=case.array,
-                              duration=case.duration or math.inf)
+                              remappings=parse_remappings(case.remap), duration=case.duration or math.inf)
     with Bag(case.input) as bag:
         replay = Replay(bag, settings, record, estimators_of(case.methods))
         return replay.run(), record, replay.notes

@@ -150,12 +150,6 @@ class GatedTracker:
         target.direction = (time, images[chosen])
         self.machine.on_doa(time, usable.confidence)
 
-    @property
-    def chosen_azimuth(self) -> float | None:
-        """World azimuth (rad) of the image chosen of the newest direction of arrival."""
-        chosen = self._target.direction
-        return None if chosen is None else self._world_azimuth(*chosen)
-
     def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
         return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
 

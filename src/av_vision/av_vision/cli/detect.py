@@ -6,6 +6,7 @@ import argparse
 import csv
 import json
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -116,6 +117,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
+    begun = time.perf_counter()
     for frame, detections, tracks in detect_recording(recording, temporal):
         for row in rows_of(frame.index, frame.time, detections, tracks):
             if arguments.json:
@@ -126,7 +128,8 @@ def run(arguments: argparse.Namespace) -> list[str]:
             video.write(draw(frame.image, detections, tracks))
         if not arguments.quiet and frame.index % 10 == 0:
             total = f' of {recording.count}' if recording.count else ''
-            print(f'\rframe {frame.index + 1}{total}', end='', file=sys.stderr, flush=True)
+            each = 1e3 * (time.perf_counter() - begun) / (frame.index + 1)
+            print(f'\rframe {frame.index + 1}{total}, {each:.0f} ms each', end='', file=sys.stderr, flush=True)
     if not arguments.quiet:
         print(file=sys.stderr)
     if video:

@@ -1,1 +1,0 @@
-"""Comparison of the simulated sound with formulas and with other simulators."""
