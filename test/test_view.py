@@ -15,10 +15,10 @@ from rig_listener import RigListener
 from rig_process import RigProcess
 
 pytest.importorskip('websockets.sync.client', reason='needs websockets 13')
+from browser import Browser, find_browser
 from websockets.sync.client import connect
 
 from av_bags.reader import Bag
-from av_view.browser import Browser, find_browser
 
 pytestmark = [pytest.mark.system,
               pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]

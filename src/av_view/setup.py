@@ -28,9 +28,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'bag_to_rerun = av_view.cli.bag_to_rerun:main',
             'doctor = av_view.cli.doctor:main',
-            'screenshot = av_view.cli.screenshot:main',
             'setup = av_view.cli.setup:main',
             'view_node = av_view.nodes.view_node:main',
         ],

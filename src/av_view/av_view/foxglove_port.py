@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import Any, NamedTuple
 
-from av_view.optional_package import load_optional
 from av_view.picture import Picture
 
 GREEN, BLUE = (0.31, 0.86, 0.24, 1.0), (0.43, 0.7, 0.95, 1.0)  # of detections, of the bearing
@@ -62,7 +62,11 @@ class FoxglovePort:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._foxglove = foxglove = load_optional(MODULES, 'foxglove-sdk', 'foxglove_port')
+        try:
+            foxglove, *_ = map(import_module, MODULES)
+        except ImportError as error:
+            raise ImportError(f'foxglove_port needs a Python package: pip install foxglove-sdk ({error})') from error
+        self._foxglove = foxglove
         self._context = context = foxglove.Context()  # ends its channels when it goes
         self._server = foxglove.start_server(name='rig', host=host, port=port, context=context)
         self.port = int(self._server.port)

@@ -21,7 +21,6 @@ from av_audio.device_source import DeviceSource as SoundDevice
 from av_audio.ring_buffer import RingBuffer
 from av_common.parameters import node_parameters
 from av_common.rig import Rig
-from av_view.doctor.camera_modes import Mode, judge_modes, modes_of_realsense, modes_of_v4l2
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.files import camera_settings
 from av_view.doctor.finding import Finding
@@ -148,21 +147,7 @@ def camera(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: floa
         return [Finding('camera', 'error', str(error), 'does another program use it? sudo fuser -v /dev/video*')]
     finally:
         source.close()
-    return [*judge_modes(_modes(kind, serial, settings.device), settings.width, settings.height, settings.rate),
-            *judge_images(times, images, settings.rate, (settings.width, settings.height))]
-
-
-def _modes(kind: str, serial: str, device: str) -> list[Mode]:
-    """The modes of a camera; none where the system does not tell."""
-    if kind == 'realsense':
-        rs = sdk()
-        return [mode for one in rs.context().query_devices() if serial in ('', one.get_info(rs.camera_info.serial_number))
-                for mode in modes_of_realsense(one, rs.stream.color)]
-    path = f'/dev/video{device}' if device.isdigit() else device
-    if not path.startswith('/dev/video') or shutil.which('v4l2-ctl') is None:
-        return []
-    command = ['v4l2-ctl', '--device', path, '--list-formats-ext']
-    return modes_of_v4l2(subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False).stdout)
+    return judge_images(times, images, settings.rate, (settings.width, settings.height))
 
 
 def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:

@@ -108,15 +108,10 @@ class Browser:
             time.sleep(0.1)
         return True
 
-    def screenshot(self, file: Path, whole: bool = False) -> None:
-        """Write a picture of the page.
-
-        Parameters:
-            file: a PNG or JPEG file, by its ending.
-            whole: also what is below the window.
-        """
+    def screenshot(self, file: Path) -> None:
+        """Write a picture of the page to a PNG or JPEG file, by its ending."""
         kind = {'format': 'jpeg', 'quality': 75} if file.suffix in ('.jpg', '.jpeg') else {'format': 'png'}
-        file.write_bytes(base64.b64decode(self.command('Page.captureScreenshot', captureBeyondViewport=whole, **kind)['data']))
+        file.write_bytes(base64.b64decode(self.command('Page.captureScreenshot', **kind)['data']))
 
     def _note(self, message: dict[str, Any]) -> None:
         parameters = message.get('params', {})
