@@ -1,7 +1,6 @@
 """Dataclasses from YAML: type hints are the schema, and an error names file, key and value.
 
 A field may carry bounds in its metadata (`bounded`); a class checks several fields together in `__post_init__`.
-Old keys are refused with a message that names the new key, where a class lists both in `RENAMED_KEYS`.
 `Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses by the mapping's key `kind`.
 Paths are relative to the file that contains them.
 """
@@ -79,11 +78,8 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
     if not isinstance(content, dict):
         raise ConfigError(f'{key or "file"}: {shown(content)}, a mapping expected')
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields = settable_fields(cls)
-    renamed: dict[str, str] = getattr(cls, 'RENAMED_KEYS', {})
+    fields = {field.name: field for field in dataclasses.fields(cls)}
     for name in content:
-        if name in renamed:
-            raise ConfigError(f'{_join(key, name)}: this key is now named {renamed[name]}')
         if name not in fields:
             raise ConfigError(f'{_join(key, name)}: unknown key, one of {", ".join(fields)} expected')
     for name, field in fields.items():
@@ -97,12 +93,6 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
         raise
     except (ValueError, TypeError, ArithmeticError, OSError) as error:
         raise ConfigError(f'{key}: {one_line(error)}' if key else one_line(error)) from error
-
-
-def settable_fields(cls: type) -> dict[str, dataclasses.Field]:
-    """The fields of a dataclass that a file may set: all but functions."""
-    hints = typing.get_type_hints(cls, include_extras=True)
-    return {field.name: field for field in dataclasses.fields(cls) if not _is_callable(hints[field.name])}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,12 +191,6 @@ def _sequence(arguments: tuple, value: Any, place: _Place) -> tuple:
 
 
 _NAMES = {str: 'a text', bool: 'true or false', Path: 'a file name'}
-
-
-def _is_callable(hint: Any) -> bool:
-    """Whether a hint is a function, or `Callable[...] | None`: such fields cannot be set by a file."""
-    candidates = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
-    return any(typing.get_origin(candidate) is typing.get_origin(typing.Callable[[], None]) for candidate in candidates)
 
 
 def _join(key: str, name: Any) -> str:

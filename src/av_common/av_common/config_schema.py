@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from av_common.config_reader import LARGEST, LARGEST_WHOLE, LONGEST, settable_fields
+from av_common.config_reader import LARGEST, LARGEST_WHOLE, LONGEST
 
 _TYPES = {float: 'number', int: 'integer', str: 'string', bool: 'boolean', Path: 'string'}
 _BOUNDS = {'low': 'minimum', 'high': 'maximum', 'above': 'exclusiveMinimum', 'choices': 'enum'}
@@ -22,7 +22,7 @@ def schema(cls: type) -> dict[str, Any]:
 
 def _mapping(cls: type, kind: str | None = None) -> dict[str, Any]:
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields = settable_fields(cls)
+    fields = {field.name: field for field in dataclasses.fields(cls)}
     properties = {name: _value(hints[name], field.metadata) for name, field in fields.items()}
     required = [name for name, field in fields.items()
                 if field.default is field.default_factory is dataclasses.MISSING]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from av_simulator.profile import Profile
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland
 from av_simulator.sound import (
-    Attenuation,
-    Box,
     EngineSignal,
     Ground,
     HelicopterSignal,
@@ -30,17 +28,16 @@ from av_simulator.sound import (
     SirenSignal,
     Surroundings,
     ToneSignal,
-    Trunk,
     VoiceSignal,
 )
 from av_simulator.sound.frames import FASTEST
+from av_simulator.sound.obstacles import OBSTACLES, Obstacle
 from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
 SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal, 'voice': VoiceSignal,
            'engine': EngineSignal, 'helicopter': HelicopterSignal, 'siren': SirenSignal}
 SourceSignal = Annotated[Any, SIGNALS]
 FARTHEST = 10_000.0    # m, largest coordinate on a trajectory
-Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,6 @@ class Target:
         signal: emitted signal, None for that of the profile.
         gain_db (dB): gain of the signal.
     """
-
-    RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
 
     trajectory: Trajectory
     name: str = 'drone'
@@ -159,31 +154,27 @@ class Weather:
     Parameters:
         temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): state of the air.
         fog (1/m): extinction coefficient; the transmission is exp(-fog * distance).
-        fog_layer_m (m): height over which fog thins to 1/e, None for uniform fog.
         smoke: clouds of smoke or fog.
         rain_mm_h (mm/h): rain.
         daylight: illumination, 1 at noon, 0.005 at night.
         exposure: gain of the camera; 1 is correct at noon.
         absorption: whether air absorbs sound (ISO 9613-1).
-        attenuation: attenuation of sound with distance.
     """
 
     temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
     humidity_percent: float = bounded(60.0, low=1.0, high=100.0)
     pressure_kpa: float = bounded(101.325, low=30.0, high=110.0)
     fog: Profile = field(default_factory=Profile)
-    fog_layer_m: float | None = bounded(None, above=0.0)
     smoke: tuple[Smoke, ...] = ()
     rain_mm_h: Profile = field(default_factory=Profile)
     daylight: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
     exposure: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
     absorption: bool = True
-    attenuation: Attenuation = field(default_factory=Attenuation)
 
     def atmosphere(self, time: float) -> Atmosphere:
         """Optical properties of the air at a time (s)."""
         clouds = (smoke.at(time) for smoke in self.smoke)
-        return Atmosphere(float(self.fog(time)), self.fog_layer_m, float(self.rain_mm_h(time)),
+        return Atmosphere(float(self.fog(time)), float(self.rain_mm_h(time)),
                           tuple(cloud for cloud in clouds if cloud is not None))
 
 
@@ -228,7 +219,7 @@ class Scenario:
     bystanders: tuple[Bystander, ...] = bounded((), longest=100)
     weather: Weather = field(default_factory=Weather)
     scene: AnyScene = field(default_factory=Woodland)
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: tuple[Annotated[Obstacle, OBSTACLES], ...] = ()
     ground: Ground | None = None
     room: Room | None = None
     reverberation: tuple[ReverbZone, ...] = ()

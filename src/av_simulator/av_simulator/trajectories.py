@@ -201,7 +201,7 @@ class RandomFlight:
 TRAJECTORIES = {'static': Static, 'line': Line, 'circle': Circle, 'figure_eight': FigureEight,
                 'waypoints': Waypoints, 'steps': Steps, 'random': RandomFlight}
 Trajectory = Annotated[Any, TRAJECTORIES]
-Position = Callable[[ArrayLike], NDArray]
+Position = Callable[[NDArray], NDArray]
 
 
 def velocity(position: Position, times: ArrayLike, step: float = 1e-3) -> NDArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,9 @@ from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
 from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, Trunk, load_profile
-from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.obstacles import Obstacle
+from av_simulator.sound.rotor import rotor_speed
+from av_simulator.sound.stream import spl_to_pascal
 from av_simulator.trajectories import Position, Static, acceleration, velocity
 
 SHUTTER = 2e-3  # s, time over which the camera's turn is taken
@@ -54,8 +54,7 @@ class World:
         self._sources += [Source(each.trajectory, each.signal, each.gain_db) for each in scenario.bystanders]
         self._sound = SoundWorld(
             sample_rate, self._sources,
-            Medium(weather.temperature_c, weather.humidity_percent, weather.pressure_kpa, weather.absorption,
-                   weather.attenuation),
+            Medium(weather.temperature_c, weather.humidity_percent, weather.pressure_kpa, weather.absorption),
             microphones=array.geometry.channels, noise=_noise(scenario.noise, rig), seed=self.seed,
             full_scale_pa=spl_to_pascal(array.full_scale_db_spl), surroundings=scenario.surroundings,
             clock_ppm=scenario.faults.clock_ppm)
@@ -175,7 +174,7 @@ class World:
         rpm, signal = np.zeros((len(times), 8)), self._sources[number].signal
         if isinstance(signal, RotorSignal):
             rotors = np.array(signal.rotor_hz)[:8]
-            rpm[:, :len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, times)
+            rpm[:, :len(rotors)] = 60.0 * rotors * rotor_speed(self.scenario.targets[number].trajectory, times)
         return rpm
 
     def _rotors(self, number: int) -> int:
@@ -203,13 +202,11 @@ def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float
 
 
 def _source(target: Target) -> Source:
-    """The sound source of a target, whose rotor speeds depend on its acceleration. Raises ConfigError."""
+    """The sound source of a target. Raises ConfigError."""
     signal, directivity = target.signal, None
     if signal is None:
         profile = load_profile(find_config(target.drone, 'drones'))
         signal, directivity = profile.signal, profile.directivity
-    if isinstance(signal, RotorSignal) and signal.speed is None:
-        signal = dataclasses.replace(signal, speed=partial(_rotor_speed, target.trajectory))
     return Source(target.trajectory, signal, target.gain_db, directivity)
 
 
@@ -237,12 +234,6 @@ def _seen(obstacle: Obstacle) -> Solid:
 def _vector(values: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = values
     return x, y, z
-
-
-def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:
-    """Rotor speeds (k, 1) relative to hovering: their square is proportional to the thrust for weight and acceleration."""
-    thrust = np.linalg.norm(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]), axis=1)
-    return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
 
 
 def _flight_attitudes(path: Position, times: NDArray) -> NDArray:

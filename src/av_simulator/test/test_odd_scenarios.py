@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
-from av_common.config_reader import ConfigError, read, settable_fields
+from av_common.config_reader import ConfigError, read
 from av_common.rig import load_rig
 from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
@@ -31,8 +31,7 @@ SEVERAL = {  # what no shipped scenario has
     'noise': {'wind': {}, 'snr': {'ratio_db': 10.0}, 'urban_db_spl': 50.0, 'diffuse_db_spl': 40.0},
     'ground': {'flow_resistivity': 2e5}, 'reverberation': [{'minimum': [-9, -9, 0], 'maximum': [9, 9, 5], 'gain_db': 3.0}],
     'obstacles': [{'kind': 'box', 'center': [3, 4, 1], 'size': [1, 1, 2]}, {'kind': 'trunk', 'center': [5, 5]}],
-    'weather': {'smoke': [{'position': [3, 3, 2]}], 'fog': [[0, 0.1], [5, 0.2]], 'fog_layer_m': 10.0,
-                'attenuation': {'curve': 'table', 'distances_m': [1, 10], 'gains': [1, 0.1]}},
+    'weather': {'smoke': [{'position': [3, 3, 2]}], 'fog': [[0, 0.1], [5, 0.2]], 'rain_mm_h': 2.0},
     'targets': [{'trajectory': trajectory, 'signal': signal} for trajectory, signal in zip([
         {'kind': 'line', 'position': [9, 0, 5], 'velocity': [1, 0, 0]},
         {'kind': 'circle', 'center': [0, 0, 5]},
@@ -52,7 +51,7 @@ def written_out(value, hint):
         return [list(point) for point in zip(value.times, value.values, strict=True)]
     if dataclasses.is_dataclass(value):
         hints = typing.get_type_hints(type(value), include_extras=True)
-        found = {name: written_out(getattr(value, name), hints[name]) for name in settable_fields(type(value))}
+        found = {name: written_out(getattr(value, name), hints[name]) for name in hints}
         return {name: each for name, each in found.items() if each is not None}
     if isinstance(value, (tuple, list)):
         inner = typing.get_args(hint)

@@ -87,16 +87,6 @@ def test_the_sound_in_the_file_comes_from_where_the_truth_says():
     assert late == pytest.approx(0.2 * np.sin(truth.azimuth) * np.cos(truth.elevation) / speed, abs=10e-6)
 
 
-def test_preview_is_a_figure(tmp_path, monkeypatch):
-    monkeypatch.setattr('av_simulator.rendering.renderer_factory.SceneRenderer', _no_renderer)
-    assert simulate.main(['circle', '--out', str(tmp_path), '--preview', '--duration', '1']) == 0
-    assert cv2.imread(str(tmp_path / 'preview.png')).shape[1] > 1000
-
-
-def _no_renderer(*_args, **_options):
-    raise RuntimeError('no OpenGL in this test')
-
-
 @pytest.mark.parametrize(('arguments', 'message'), [
     (['nowhere', '--out', 'x'], 'nowhere'),
     (['circle', '--out', 'x', '--drone-recording', 'none.wav'], 'none.wav'),
@@ -116,13 +106,6 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     with pytest.raises(SystemExit, match='2'):
         program.parse(['circle', '--out', 'x', option, value] if program is simulate else ['circle', option, value])
     assert f"argument {option}: '{value}', expected a" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('program', [simulate, simulator])
-def test_arguments_of_old_names_are_refused_with_the_new_ones(program, capsys):
-    with pytest.raises(SystemExit, match='2'):
-        program.main(['circle', '--voice', 'drone.wav'])
-    assert 'is now named --drone-recording' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('rig', ['rig', 'rig_gimbal'])

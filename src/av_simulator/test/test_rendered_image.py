@@ -12,8 +12,7 @@ from av_simulator.rendering.camera_effects import CameraEffects, motion_blurred
 from av_simulator.rendering.flat_renderer import FlatRenderer
 from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
 from av_simulator.rendering.scenes import SCENES, Solid, Woodland
-from av_simulator.rendering.view import Drone, View, outline
-from av_simulator.rendering.visibility import LEAST, score
+from av_simulator.rendering.view import LEAST, Drone, View, outline, score
 
 CAMERA = load_rig(find_config('rig')).camera
 EYE = np.array([0.0, 0.0, 1.5])
@@ -110,7 +109,7 @@ def test_the_oracle_reports_what_can_be_seen():
 
 
 def test_the_same_view_gives_the_same_bytes():
-    foggy = view(atmosphere=Atmosphere(0.1, 5.0, 3.0, (Cloud(np.array([4.0, 0.0, 1.0]), 1.0, 0.5),)))
+    foggy = view(atmosphere=Atmosphere(0.1, 3.0, (Cloud(np.array([4.0, 0.0, 1.0]), 1.0, 0.5),)))
     scene = Woodland(trees=30)
     first, second = image(foggy, scene=scene), image(foggy, scene=scene)
     np.testing.assert_array_equal(first.bgr, second.bgr)
@@ -169,8 +168,8 @@ def test_heat_comes_through_fog_that_hides_light():
 
 
 @pytest.mark.parametrize('atmosphere', [
-    Atmosphere(0.2), Atmosphere(0.3, layer_m=2.0), Atmosphere(0.0, clouds=(Cloud(np.array([5.0, 0.5, 1.0]), 1.5, 0.8),)),
-    Atmosphere(0.05, 4.0, 10.0, (Cloud(np.array([2.0, -1.0, 2.0]), 0.7, 2.0),))])
+    Atmosphere(0.2), Atmosphere(0.0, clouds=(Cloud(np.array([5.0, 0.5, 1.0]), 1.5, 0.8),)),
+    Atmosphere(0.05, 10.0, (Cloud(np.array([2.0, -1.0, 2.0]), 0.7, 2.0),))])
 def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
     directions = rng.standard_normal((20, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -181,7 +180,7 @@ def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
                                      atmosphere.optical_depth(EYE, directions, distance), strict=True):
         points = EYE + steps[:, np.newaxis] * far * direction
         extinction = np.full(len(points), 1.076 * atmosphere.rain_mm_h**0.67 * np.log(10) / 1e4)
-        extinction += atmosphere.fog * (1.0 if atmosphere.layer_m is None else np.exp(-points[:, 2] / atmosphere.layer_m))
+        extinction += atmosphere.fog
         for cloud in atmosphere.clouds:
             offset = np.sum((points - cloud.centre) ** 2, axis=1)
             extinction += cloud.density * np.exp(-offset / (2 * cloud.radius**2))
@@ -189,8 +188,8 @@ def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
 
 
 @pytest.mark.parametrize('atmosphere', [
-    Atmosphere(0.02, None, 12.0, (Cloud(np.array([4.0, 0.0, 1.0]), 2.0, 0.7),)), Atmosphere(0.0, 3.0),
-    Atmosphere(0.02, 3.0, 5.0), Atmosphere(clouds=(Cloud(np.array([4.0, 0.0, 1.0]), np.float64(2.0), 0.7),))])
+    Atmosphere(0.02, 12.0, (Cloud(np.array([4.0, 0.0, 1.0]), 2.0, 0.7),)), Atmosphere(0.02, 5.0),
+    Atmosphere(clouds=(Cloud(np.array([4.0, 0.0, 1.0]), np.float64(2.0), 0.7),))])
 def test_every_kind_of_air_can_be_rendered(rng, atmosphere):
     made = image(view(atmosphere=atmosphere), everything=True)
     assert made.bgr.shape == (480, 640, 3) and made.thermal.dtype == np.float32

@@ -52,11 +52,9 @@ def test_fog_woodland_can_be_followed():
 
 
 BROKEN = [
-    ({'targets': [{'trajectory': {'kind': 'static', 'position': [1, 2, 3]}, 'voice': {'kind': 'tone'}}]},
-     r'targets\[0\].voice: this key is now named signal'),
-    ({'noise': {'ego_rotors': {'voice': {}}}}, r'noise.ego_rotors.voice: this key is now named signal'),
-    ({'noise': {'own_rotors': {}}}, r'noise.own_rotors: this key is now named ego_rotors'),
     ({'faults': {'lost_datagrams': 2}}, r'faults.lost_datagrams: 2.0 is beyond 1.0'),
+    ({'ground': {'flow_resistivity': -5.0}}, r'ground.flow_resistivity: -5.0 is below 1000'),
+    ({'reverberation': [{'minimum': [0, 0, 0], 'maximum': [1, 1, 1], 'decay_s': 0}]}, r'decay_s: 0.0 is below 0.05'),
     ({'ground': {'surface': 'lava'}}, r"ground: .*'lava'"),
     ({'ground': {}, 'room': {'minimum': [0, 0, 0], 'maximum': [1, 1, 1]}}, r'ground and room'),
     ({'obstacles': [{'kind': 'box', 'center': [0, 0, 0], 'size': [1, 1, 0]}]}, r'obstacles\[0\]: .*three positive'),

@@ -1,10 +1,10 @@
-"""Absorption and attenuation against tables and formulas, as numbers and in rendered sound."""
+"""Absorption and spreading against tables and formulas, as numbers and in rendered sound."""
 
 import numpy as np
 import pytest
 
-from av_simulator.sound import Attenuation, FormulaSignal, Medium, Noise, SoundWorld, Source
-from av_simulator.sound.absorption import absorption_db_per_m
+from av_simulator.sound import FormulaSignal, Medium, Noise, SoundWorld, Source
+from av_simulator.sound.medium import absorption_db_per_m
 
 RATE = 48000
 TONES_HZ = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
@@ -39,30 +39,14 @@ def test_rendered_absorption_is_the_formula(climate, distance):
     np.testing.assert_allclose(lost_db, absorption_db_per_m(TONES_HZ, *climate) * distance, atol=0.1)
 
 
-def test_spreading_is_spherical_unless_a_curve_is_chosen():
+def test_spreading_is_spherical():
     np.testing.assert_allclose(levels(20.0, Medium()), 1 / 20, rtol=1e-3)
-    halfway = Medium(attenuation=Attenuation('linear', 10.0, 30.0))
-    np.testing.assert_allclose(levels(20.0, halfway), 0.5, rtol=1e-3)
-    table = Medium(attenuation=Attenuation('table', distances_m=(0.0, 40.0), gains=(0.8, 0.0)))
-    np.testing.assert_allclose(levels(20.0, table), 0.4, rtol=1e-3)
-    own = Medium(attenuation=lambda distance: np.exp(-distance / 20.0))
-    np.testing.assert_allclose(levels(20.0, own), np.exp(-1.0), rtol=1e-3)
-
-
-@pytest.mark.parametrize('curve', ['linear', 'logarithmic', 'inverse'])
-def test_curves_fall_from_one_to_nothing_between_the_radii(curve):
-    gains = Attenuation(curve, 2.0, 50.0)(np.linspace(0.0, 60.0, 500))
-    assert gains[0] == 1.0 and gains[-1] == 0.0
-    assert np.all(np.diff(gains) <= 0.0)
 
 
 @pytest.mark.parametrize('make, message', [
     (lambda: Medium(humidity_percent=140), 'humidity_percent is 140'),
     (lambda: Medium(temperature_c=300), 'temperature_c is 300'),
     (lambda: Medium(pressure_kpa=1013), 'pressure_kpa is 1013'),
-    (lambda: Attenuation('cubic'), "curve is 'cubic'"),
-    (lambda: Attenuation('linear', 5.0, 4.0), 'inner_m is 5.0 and outer_m 4.0'),
-    (lambda: Attenuation('table', distances_m=(2.0, 1.0), gains=(1.0, 0.0)), 'increasing distances'),
 ])
 def test_what_no_air_has_is_named(make, message):
     with pytest.raises(ValueError, match=message):

@@ -133,7 +133,5 @@ def test_no_direction_lasts_as_the_source_moves():
 
 
 def test_impossible_zones_are_named():
-    with pytest.raises(ValueError, match='zone decay_s is 0.0'):
-        ReverbZone(**HALL, decay_s=0.0)
     with pytest.raises(ValueError, match='zone minimum'):
         ReverbZone((0, 0, 0), (1, 1, 0))

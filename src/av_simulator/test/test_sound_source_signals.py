@@ -38,10 +38,12 @@ def test_rotor_speed_wanders_by_the_stated_jitter():
     assert 0.006 < frequency.std() / 200.0 < 0.014
 
 
-def test_rotor_pitch_follows_the_given_speed():
-    faster = RotorSignal(rotor_hz=(100.0,), blades=1, jitter=0.0, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
-                        speed=lambda t: np.where(t < 2.0, 1.0, 1.2)[:, None])
-    stream = faster.stream(RATE, [1], nowhere)
+def test_rotor_pitch_follows_the_thrust():
+    def climbing(t):  # from 2 s with 0.44 g
+        return 0.22 * 9.80665 * np.maximum(t - 2.0, 0.0)[:, None] ** 2 * [0.0, 0.0, 1.0]
+
+    faster = RotorSignal(rotor_hz=(100.0,), blades=1, jitter=0.0, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,))
+    stream = faster.stream(RATE, [1], climbing)
     for second, wanted in ((0, 100), (3, 120), (-2, 100)):
         spectrum = np.abs(np.fft.rfft(stream.read(second * RATE, (second + 1) * RATE)))
         assert np.argmax(spectrum) == wanted

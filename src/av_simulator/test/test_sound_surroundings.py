@@ -161,7 +161,6 @@ def test_shade_fades_in_smoothly_and_a_thin_trunk_shades_high_frequencies_only()
 
 @pytest.mark.parametrize('make, message', [
     (lambda: Ground('moon'), "surface is 'moon'"),
-    (lambda: Ground(flow_resistivity=-5.0), 'flow_resistivity is -5.0'),
     (lambda: Room([0, 0, 0], [1, 1, 0]), 'maximum'),
     (lambda: Room([0, 0, 0], [1, 1, 1], absorption=(1.5,)), r'absorption is \(1.5,\)'),
     (lambda: Surroundings(ground=Ground(), room=Room([0, 0, 0], [1, 1, 1])), 'ground and room'),

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from av_evaluation.hearing.reach import ARRAYS, PLACES, Air, Scene
 from av_simulator.config_files import find_config
-from av_simulator.sound.profiles import load_profile
+from av_simulator.sound.source import load_profile
 
 DRONES = ('mini_quadrotor', 'camera_quadrotor', 'cargo_octorotor')
 

@@ -15,8 +15,8 @@ from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detectio
 from av_fusion.measurement.vectors import rows_of
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario, Target
-from av_simulator.sound.profiles import load_profile
 from av_simulator.sound.rotor import RotorSignal
+from av_simulator.sound.source import load_profile
 from av_simulator.trajectories import RandomFlight, Trajectory
 
 LEFT = (0.0, 1.0, 0.0)

@@ -16,10 +16,10 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
-from av_simulator.sound.absorption import absorption_db_per_m
-from av_simulator.sound.levels import spl_to_pascal
+from av_simulator.sound.medium import absorption_db_per_m
 from av_simulator.sound.noise import Noise, Wind
 from av_simulator.sound.source_signals import SourceSignal
+from av_simulator.sound.stream import spl_to_pascal
 
 RATE = 24_000  # Hz
 POOL_S, HEARD_S, WINDOW_S = 12.0, 1.1, 0.5  # of sound that is rendered once; heard before a judgement; of a window

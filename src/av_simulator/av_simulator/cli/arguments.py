@@ -31,13 +31,6 @@ def port_offset(text: str) -> int:
     return int(_number(text, lambda value: value.is_integer() and low <= value <= high, f'an integer from {low} to {high}'))
 
 
-def renamed(new: str) -> Callable[[str], str]:
-    """The type of an old argument; its use is refused with the new name of the argument."""
-    def refuse(_text: str) -> str:
-        raise argparse.ArgumentTypeError(f'is now named {new}')
-    return refuse
-
-
 def _number(text: str, fits: Callable[[float], bool], expected: str) -> float:
     try:
         value = float(text)

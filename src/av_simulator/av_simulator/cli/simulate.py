@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from av_common.rig import load_rig
-from av_simulator.cli.arguments import not_negative, positive, renamed, seed
+from av_simulator.cli.arguments import not_negative, positive, seed
 from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import steps
@@ -28,11 +28,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
     parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
-    parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
     parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')
     parser.add_argument('--everything', action='store_true', help='also write PNGs of depth, segmentation and temperature')
     parser.add_argument('--bag', action='store_true', help="also write a rosbag2 (mcap) with the rig's topics")
-    parser.add_argument('--preview', action='store_true', help='write only an overview figure of the scenario')
     return parser.parse_args(arguments)
 
 
@@ -47,11 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
             scenario = with_recording(scenario, options.drone_recording)
         world = World(scenario, load_rig(find_config(options.rig or scenario.rig.description)), options.seed)
         options.out.mkdir(parents=True, exist_ok=True)
-        if options.preview:
-            _preview(world, options)
-        else:
-            shutil.copy(file, options.out / 'scenario.yaml')
-            _simulate(world, options)
+        shutil.copy(file, options.out / 'scenario.yaml')
+        _simulate(world, options)
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         print(f'simulate: {error}', file=sys.stderr)
         return 2
@@ -59,12 +54,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'\nsimulate: interrupted; the results so far are in {options.out}', file=sys.stderr)
         return 130
     return 0
-
-
-def _preview(world: World, options: argparse.Namespace) -> None:
-    from av_simulator.offline.preview import preview  # imports matplotlib, which takes a second
-    preview(world, options.duration or world.scenario.duration, options.out / 'preview.png')
-    print(f'wrote {options.out / "preview.png"}')
 
 
 def _simulate(world: World, options: argparse.Namespace) -> None:

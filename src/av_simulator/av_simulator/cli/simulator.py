@@ -11,7 +11,7 @@ from dataclasses import asdict
 from av_common.launched import report_started
 from av_common.rig import load_rig
 from av_sim_bridge.wire.ports import Ports
-from av_simulator.cli.arguments import not_negative, port_offset, positive, renamed, seed
+from av_simulator.cli.arguments import not_negative, port_offset, positive, seed
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
@@ -33,7 +33,6 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
     parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
-    parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
     parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le',
                         help='format of the audio samples (default: %(default)s)')
     parser.add_argument('--audio-header', action='store_true',

@@ -1,4 +1,4 @@
-"""Extinction of light in the air: uniform fog, fog that thins with height, clouds of smoke, rain."""
+"""Extinction of light in the air: fog, rain, clouds of smoke."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
-
-_LAYERED_FROM = 1e-4   # 1/m, slope over layer height of a ray below which the fog along it counts as uniform
 
 
 @dataclass(frozen=True)
@@ -51,21 +49,19 @@ class Atmosphere:
     """The air at one instant. The transmission of a path is exp(-optical depth) (Beer-Lambert).
 
     Parameters:
-        fog (1/m): extinction coefficient of fog at the ground.
-        layer_m (m): height over which it falls to 1/e, None for uniform fog.
+        fog (1/m): extinction coefficient of fog.
         rain_mm_h (mm/h): rain; R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
         clouds: clouds of smoke or fog.
     """
 
     fog: float = 0.0
-    layer_m: float | None = None
     rain_mm_h: float = 0.0
     clouds: tuple[Cloud, ...] = field(default_factory=tuple)
 
     @property
     def even(self) -> bool:
         """Whether the extinction coefficient is uniform."""
-        return not self.clouds and (self.layer_m is None or self.fog == 0.0)
+        return not self.clouds
 
     @property
     def rain_extinction(self) -> float:
@@ -82,16 +78,7 @@ class Atmosphere:
         """
         origin, directions = np.asarray(origin), np.asarray(directions)
         distance = np.asarray(distance, directions.dtype)
-        if self.layer_m is None:
-            depth = (self.fog + self.rain_extinction) * distance
-        else:
-            slope = directions[:, 2] / self.layer_m
-            level = np.abs(slope) < _LAYERED_FROM
-            slope[level] = 1.0
-            length = -np.expm1(-np.clip(slope * distance, -50.0, None)) / slope
-            length[level] = distance[level]
-            depth = directions.dtype.type(self.fog * np.exp(-origin[2] / self.layer_m)) * length
-            depth += directions.dtype.type(self.rain_extinction) * distance
+        depth = (self.fog + self.rain_extinction) * distance
         for cloud in self.clouds:
             depth = depth + cloud.optical_depth(origin, directions, distance)
         return depth.astype(directions.dtype, copy=False)

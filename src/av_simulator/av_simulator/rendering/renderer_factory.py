@@ -14,7 +14,6 @@ from av_simulator.rendering.view import Renderer
 log = logging.getLogger('simulator')
 
 RENDERERS = ('auto', 'scene', 'flat')
-RENAMED_RENDERERS = {'painter': 'flat'}
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,6 @@ class RendererFactory:
             samples: samples per pixel for antialiasing, 0 for none.
             everything: whether segmentation and temperatures are rendered for every view.
         """
-        if kind in RENAMED_RENDERERS:
-            raise ValueError(f'renderer: {kind!r} is now named {RENAMED_RENDERERS[kind]!r}')
         if kind not in RENDERERS:
             raise ValueError(f'renderer: {kind!r}, expected one of {", ".join(RENDERERS)}')
         if kind != 'flat':

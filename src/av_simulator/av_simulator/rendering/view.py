@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.atmosphere import Atmosphere
-from av_simulator.rendering.visibility import score
 
 FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, and 1 is the rig
 ROTOR_RADIUS = 0.15    # relative to the size of the drone
@@ -201,3 +200,26 @@ def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleB
     """
     value = score(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
     return OracleBox(truth.target_id, value, *(truth.box or seen.box)) if value > 0.0 else None
+
+
+HALF_SIZE_PX = 8.0        # width of a target with a score of 0.5 in clear air
+HALF_TRANSMISSION = 0.15  # contrast at which a large target has a score of 0.5
+LEAST = 0.05              # score below which a detector reports nothing
+
+
+def score(size_px: float, transmission: float, visible_fraction: float = 1.0) -> float:
+    """Score (0 to 1) of a detection, increasing smoothly with apparent size, contrast and visible fraction f.
+
+    The score is f * h(size / HALF_SIZE_PX) * h(transmission / HALF_TRANSMISSION) with Hill's function
+    h(x) = x^2 / (1 + x^2), and 0 below LEAST.
+
+    Parameters:
+        size_px (px): width of the target.
+        transmission (0 to 1): contrast relative to clear air and good light.
+        visible_fraction (0 to 1): fraction of the target that is visible.
+    """
+    def hill(x: float) -> float:
+        return x * x / (1.0 + x * x)
+
+    value = visible_fraction * hill(size_px / HALF_SIZE_PX) * hill(transmission / HALF_TRANSMISSION)
+    return float(value) if value >= LEAST else 0.0

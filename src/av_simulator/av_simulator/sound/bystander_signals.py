@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from av_common.config_reader import bounded
-from av_simulator.sound.delays import Position
-from av_simulator.sound.levels import spl_to_pascal
-from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, filtered, white_noise
-from av_simulator.sound.wander import Wander
+from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, Wander, filtered, spl_to_pascal, white_noise
+from av_simulator.trajectories import Position
 
 # Formants (Hz) of vowels, a male voice (Peterson and Barney, 1952).
 _VOWELS_HZ = np.array([(730.0, 1090.0, 2440.0), (530.0, 1840.0, 2480.0), (270.0, 2290.0, 3010.0),

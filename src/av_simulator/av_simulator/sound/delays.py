@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-Position = Callable[[NDArray], NDArray]  # times (s, (k,)) -> positions (m, (k, 3)) in ENU
+from av_simulator.trajectories import Position
 
 _INTERVAL = 80  # samples in which the delay is a cubic polynomial of time; its error is 1e-11 s at 20 m/s and 1 m
 _NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,6 @@ class EgoRotors:
         rotors (m, (rotors, 3)): positions of the hubs in the body frame.
         microphones (m, (m, 3)): positions of the microphones in the body frame.
     """
-
-    RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
 
     signal: RotorSignal
     rotors: Sequence[Sequence[float]] = bounded(low=-100.0, high=100.0)
@@ -66,12 +63,7 @@ class EgoRotors:
     def _signal_of(self, rotor: int) -> RotorSignal:
         """The signal of one rotor, with its share of the vehicle's power."""
         share_db = 10.0 * np.log10(len(self.rotors))
-        speed = None
-        if (speed_of_all := self.signal.speed) is not None:
-            def speed(times: NDArray) -> NDArray:
-                return np.broadcast_to(speed_of_all(times), (len(times), len(self.rotors)))[:, [rotor]]
-
-        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],), speed=speed,
+        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],),
                        tone_db_spl=self.signal.tone_db_spl - share_db, broadband_db_spl=self.signal.broadband_db_spl - share_db)
 
 

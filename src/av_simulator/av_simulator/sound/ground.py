@@ -33,8 +33,6 @@ class Ground:
     def __post_init__(self) -> None:
         if self.surface not in FLOW_RESISTIVITY:
             raise ValueError(f'ground surface is {self.surface!r}, expected one of {", ".join(FLOW_RESISTIVITY)}')
-        if self.flow_resistivity is not None and not 1e3 <= self.flow_resistivity <= 1e9:
-            raise ValueError(f'ground flow_resistivity is {self.flow_resistivity}, expected 1e3 to 1e9 Pa s/m^2')
 
     def reflection(self, sine_grazing: NDArray, path_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:
         """Spherical wave reflection coefficient Q, complex (..., F), with which a mirror source is weighted.

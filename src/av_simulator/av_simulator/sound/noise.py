@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 from av_common.config_reader import bounded
 from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.fields import corcos, diffuse, field_noise, horizontal
-from av_simulator.sound.levels import spl_to_pascal
-from av_simulator.sound.stream import CHUNK, Stream, white_noise
-from av_simulator.sound.wander import Wander
+from av_simulator.sound.stream import CHUNK, Stream, Wander, spl_to_pascal, white_noise
 
 # A-weighted spectrum of traffic in third octaves from 100 Hz (EN 1793-3), and the A-weighting of these bands (IEC 61672-1).
 _TRAFFIC_DBA = (-20, -20, -18, -16, -15, -14, -13, -12, -11, -9, -8, -9, -10, -11, -13, -15, -16, -18)
@@ -87,8 +84,6 @@ class Noise:
         ego_rotors: the rig's own rotors.
         snr: signal-to-noise ratio to which the sum is scaled; the levels then only set the proportions.
     """
-
-    RENAMED_KEYS: ClassVar[dict[str, str]] = {'own_rotors': 'ego_rotors'}
 
     self_noise_db_spl: float | None = bounded(30.0, low=-200.0, high=200.0)
     wind: Wind | None = None

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
 from av_simulator.sound.frames import FASTEST, Frame, FrameMaker
 from av_simulator.sound.interpolation import interpolate
-from av_simulator.sound.levels import db_to_ratio
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.rays import rays_of
 from av_simulator.sound.source import Source
-from av_simulator.sound.stream import Stream
+from av_simulator.sound.stream import Stream, db_to_ratio
 from av_simulator.sound.surroundings import Surroundings
+
+NEAREST = 0.1  # m, distance below which a source becomes no louder
 
 
 class Propagation:
@@ -86,7 +87,7 @@ class Propagation:
             when = grid.samples[0] / self._rate
             raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of the speed of sound, '
                              f'near {when:.2f} s') from error
-        gain = db_to_ratio(self._sources[number].gain_db) * grid.to_samples(self._medium.attenuation(delay * c))
+        gain = db_to_ratio(self._sources[number].gain_db) * grid.to_samples(1.0 / np.maximum(delay * c, NEAREST))
         return np.einsum('rmn,rmn->mn', gain, values)
 
     def _begin_frames(self, start: int, samples: int, positions: NDArray) -> None:
@@ -120,7 +121,7 @@ class Propagation:
         distance = np.linalg.norm(ways, axis=1, keepdims=True)
         factors = 10.0 ** (-self._air * distance / 20.0) * (1.0 + 0.0j)
         if source.directivity is not None:
-            factors *= source.directivity(ways / np.maximum(distance, 1e-9), self._maker.frequency_hz, float(sent_s[0]))
+            factors *= source.directivity(ways / np.maximum(distance, 1e-9), self._maker.frequency_hz)
         for factor, ray in zip(factors, self._rays, strict=True):
             on_the_way = ray.factor(places[0], centre)
             factor *= 0.0 if on_the_way is None else on_the_way

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from av_simulator.sound.diffraction import occlusion
 from av_simulator.sound.ground import Ground
-from av_simulator.sound.materials import reflection_factor
-from av_simulator.sound.obstacles import Face, Obstacle
+from av_simulator.sound.obstacles import Face, Obstacle, reflection_factor
 from av_simulator.sound.surroundings import Room, Surroundings
 
 _MARGIN_M = 1.5  # m, distance from the path beyond which an edge has an effect below 100 Hz only

@@ -13,10 +13,9 @@ from av_common.config_reader import bounded
 from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
 from av_simulator.sound.fields import diffuse, field_noise
 from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate, kernels
-from av_simulator.sound.levels import db_to_ratio
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.source import Source
-from av_simulator.sound.stream import Stream
+from av_simulator.sound.stream import Stream, db_to_ratio
 
 NARROWEST = 0.1  # m, least extent of a zone or a room
 _PRE_DELAY_S = 0.02  # s, start of the late reverberation; earlier reflections are computed as rays
@@ -52,12 +51,7 @@ class ReverbZone:
     def __post_init__(self) -> None:
         if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
             raise ValueError(f'zone minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
-                             'expected x, y, z, '
-                             f'minimum < maximum by at least {NARROWEST} m')
-        for name, value, low, high in (('decay_s', self.decay_s, 0.05, 20.0), ('density', self.density, 1.0, 1e5),
-                                       ('diffusion', self.diffusion, 0.0, 1.0)):
-            if not low <= value <= high:
-                raise ValueError(f'zone {name} is {value}, expected {low} to {high}')
+                             f'expected x, y, z, minimum < maximum by at least {NARROWEST} m')
 
     def gain(self) -> float:
         """Amplitude ratio of `gain_db`. Sabine: 16 pi / A at 1 m, with the absorption area A = 0.161 V / T."""

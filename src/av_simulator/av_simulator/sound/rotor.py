@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,41 +11,23 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import firwin
 
 from av_common.config_reader import bounded
-from av_simulator.sound.delays import Position
-from av_simulator.sound.levels import db_to_ratio, spl_to_pascal
-from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, filtered, white_noise
-from av_simulator.sound.wander import Wander
+from av_sim_bridge.vehicle import GRAVITY
+from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, Wander, db_to_ratio, filtered, spl_to_pascal, white_noise
+from av_simulator.trajectories import Position, acceleration
 
 _TABLE = 8192  # points of a waveform table, for one revolution of a rotor
 _MILESTONE = 256  # interval (chunks) of the rotor angles that are kept permanently
 _STEPS = 128  # steps of the integration of the rotor speeds in a chunk
 _FASTEST = 1.6  # maximum speed relative to rotor_hz without aliasing of harmonics
 
-_GRAVITY = 9.80665
-_DRAG_PER_M = 0.017  # 1/m, deceleration over speed squared: a tilt of 35 degrees at 20 m/s
-_STEP_S = 0.1  # s, step of the differences for velocity and acceleration, the time scale of a flight controller
 
-Speed = Callable[[NDArray], NDArray]  # times (s, (k,)) -> speeds relative to hovering, (k, rotors) or (k, 1)
+def rotor_speed(position: Position, times: NDArray) -> NDArray:
+    """Rotor speeds (k, 1) relative to hovering at times (s, (k,)), for the trajectory of a source.
 
-
-def thrust_speed(position: Position) -> Speed:
-    """Rotor speed relative to hovering, for the trajectory of a source.
-
-    The thrust, proportional to the square of the speed (actuator disk theory), is the force for weight, acceleration and
-    drag. It is limited to 0.25 to 2.5 times the weight.
+    The thrust, proportional to the square of the speed (actuator disk theory), is the force for weight and acceleration.
     """
-    def speed(times: NDArray) -> NDArray:
-        before, now, after = (position(times + step) for step in (-_STEP_S, 0.0, _STEP_S))
-        velocity, acceleration = (after - before) / (2 * _STEP_S), (after - 2.0 * now + before) / _STEP_S**2
-        drag = _DRAG_PER_M * velocity * np.linalg.norm(velocity, axis=1, keepdims=True)
-        thrust = np.linalg.norm(acceleration + drag + [0.0, 0.0, _GRAVITY], axis=1, keepdims=True) / _GRAVITY
-        return np.sqrt(np.clip(thrust, 0.25, 2.5))
-
-    return speed
-
-
-def _hover(times: NDArray) -> NDArray:
-    return np.ones((len(times), 1))
+    thrust = np.linalg.norm(acceleration(position, times) + np.array([0.0, 0.0, GRAVITY]), axis=1)
+    return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
 
 
 @dataclass(frozen=True)
@@ -65,8 +47,6 @@ class RotorSignal:
         broadband_db_spl (dB SPL): level of the broadband noise.
         broadband_hz (Hz): band of the broadband noise.
         modulation: depth of the noise's amplitude modulation at the blade passing frequency.
-        follow: whether the speeds follow the thrust for the source's motion.
-        speed: speeds relative to `rotor_hz` as a function of time, None for `follow`.
     """
 
     rotor_hz: Sequence[float] = bounded((92.0, 94.5, 90.5, 96.0), above=0.0, high=1000.0, longest=32)
@@ -81,26 +61,18 @@ class RotorSignal:
     broadband_db_spl: float = bounded(70.0, low=-200.0, high=200.0)
     broadband_hz: tuple[float, float] = bounded((400.0, 7000.0), above=0.0, high=1e6)
     modulation: float = bounded(0.3, low=0.0, high=1.0)
-    follow: bool = True
-    speed: Speed | None = None
 
     def __post_init__(self) -> None:
-        if not len(self.rotor_hz) or min(self.rotor_hz) <= 0.0:
-            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed (Hz) for each rotor')
-        if self.blades < 1:
-            raise ValueError(f'blades is {self.blades}, expected 1 or more')
-        if not len(self.harmonics_db):
-            raise ValueError('harmonics_db is empty, expected the level of the first harmonic at least')
+        if not self.rotor_hz or not self.harmonics_db:
+            raise ValueError('rotor_hz or harmonics_db is empty, expected one rotor and one harmonic at least')
         if self.blades * self.harmonics > _TABLE // 2:
             raise ValueError(f'harmonics is {self.harmonics}, expected at most {_TABLE // 2} over {self.blades} blades')
-        low, high = self.broadband_hz
-        if not 0.0 < low < high:
+        if not self.broadband_hz[0] < self.broadband_hz[1]:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two increasing positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""
-        speed = self.speed or (thrust_speed(position) if self.follow else _hover)
-        turns = _Turns(self, speed, sample_rate, key)
+        turns = _Turns(self, position, sample_rate, key)
         waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
         low, high = self.broadband_hz
         shape = firwin(255, [low, min(high, 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
@@ -141,9 +113,9 @@ def _look_up(wave: NDArray, places: NDArray) -> NDArray:
 class _Turns:
     """Revolutions of each rotor: the integral of its speed from time 0, for positive and negative times in any order."""
 
-    def __init__(self, signal: RotorSignal, speed: Speed, sample_rate: int, key: Sequence[int]):
+    def __init__(self, signal: RotorSignal, position: Position, sample_rate: int, key: Sequence[int]):
         rotors = len(signal.rotor_hz)
-        self._signal, self._rate, self._speed_given = signal, sample_rate, speed
+        self._signal, self._rate, self._position = signal, sample_rate, position
         self._turbulence = Wander([*key, 0], signal.jitter_hz, rotors)
         self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
 
@@ -178,4 +150,4 @@ class _Turns:
     def _speed(self, times: NDArray) -> NDArray:
         """Speeds (Hz, (k, rotors)) of the rotors at times (s, (k,))."""
         wander = 1.0 + self._signal.jitter * self._turbulence(times)
-        return np.asarray(self._signal.rotor_hz) * wander * self._speed_given(times)
+        return np.asarray(self._signal.rotor_hz) * wander * rotor_speed(self._position, times)

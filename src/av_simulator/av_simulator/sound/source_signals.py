@@ -18,9 +18,8 @@ from scipy.signal import resample_poly
 
 from av_audio.file_source import open_sound, read_sound
 from av_common.config_reader import bounded
-from av_simulator.sound.delays import Position
-from av_simulator.sound.levels import spl_to_pascal
-from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream
+from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, spl_to_pascal
+from av_simulator.trajectories import Position
 
 
 class SourceSignal(Protocol):
@@ -89,8 +88,6 @@ class RecordedSignal:
 
     def __post_init__(self) -> None:
         open_sound(self.file).close()
-        if not 0.1 <= self.pitch <= 10.0:
-            raise ValueError(f'recording: pitch is {self.pitch}, expected 0.1 to 10')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""

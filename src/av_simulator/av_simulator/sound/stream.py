@@ -1,4 +1,7 @@
-"""Signals of unlimited length with random access, whose samples do not depend on the order of access."""
+"""Signals of unlimited length with random access, whose samples do not depend on the order of access; levels.
+
+All signals of this package are sound pressures in Pa.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,18 @@ from scipy.signal import oaconvolve
 
 CHUNK = 4096        # samples
 SIGNAL_CHUNKS = 64  # number of cached chunks of a signal: 5 s at 48 kHz, more than the delay over 1.5 km
+REFERENCE_PA = 20e-6  # of sound pressure levels
+_TERMS = 24           # sines of a slow random variation
+
+
+def db_to_ratio(level_db: float) -> float:
+    """Amplitude ratio of a level in dB."""
+    return 10.0 ** (level_db / 20.0)
+
+
+def spl_to_pascal(level_db_spl: float) -> float:
+    """Root mean square pressure (Pa) of a sound pressure level (dB)."""
+    return REFERENCE_PA * db_to_ratio(level_db_spl)
 
 
 class Stream:
@@ -71,3 +86,29 @@ def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float],
     frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)
     inside = (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
     return float(2.0 * spectrum[..., inside].sum(axis=-1).mean() / samples.shape[-1] ** 2)
+
+
+class Wander:
+    """A nearly Gaussian random process of mean 0 and variance 1, which can be evaluated at any time.
+
+    It is a sum of sines (Shinozuka 1972). Their frequencies range from 0.04 % of `fastest_hz` to `fastest_hz`, with more low
+    than high ones.
+
+    Parameters:
+        key: seed.
+        fastest_hz (Hz): highest frequency.
+        channels: number of independent processes.
+    """
+
+    def __init__(self, key: Sequence[int], fastest_hz: float, channels: int = 1):
+        random = np.random.default_rng(key)
+        self._rate = 2 * np.pi * fastest_hz * random.uniform(0.02, 1.0, (_TERMS, 1, channels)) ** 2
+        self._phase = random.uniform(0.0, 2 * np.pi, (_TERMS, 1, channels))
+
+    def __call__(self, times: NDArray) -> NDArray:
+        """Values (k, channels) at times (s, (k,))."""
+        return np.sqrt(2.0 / _TERMS) * np.sin(self._rate * times[:, None] + self._phase).sum(axis=0)
+
+    def integral(self, times: NDArray) -> NDArray:
+        """Integrals (s, (k, channels)) from any fixed instant to times (s, (k,))."""
+        return -np.sqrt(2.0 / _TERMS) * (np.cos(self._rate * times[:, None] + self._phase) / self._rate).sum(axis=0)

@@ -10,8 +10,7 @@ import numpy as np
 
 from av_common.config_reader import bounded
 from av_simulator.sound.ground import Ground
-from av_simulator.sound.materials import Absorption, reflection_factor
-from av_simulator.sound.obstacles import OBSTACLES, Obstacle
+from av_simulator.sound.obstacles import OBSTACLES, Absorption, Obstacle, reflection_factor
 from av_simulator.sound.reverberation import NARROWEST, ReverbZone
 
 
@@ -35,10 +34,7 @@ class Room:
     def __post_init__(self) -> None:
         if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
             raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
-                             'expected x, y, z, '
-                             f'minimum < maximum by at least {NARROWEST} m')
-        if self.order < 0:
-            raise ValueError(f'room order is {self.order}, expected 0 or more')
+                             f'expected x, y, z, minimum < maximum by at least {NARROWEST} m')
         if len(self.walls) != 6:
             raise ValueError(f'room wall_absorption has {len(self.walls)} entries, expected 6')
         for absorption in self.walls:

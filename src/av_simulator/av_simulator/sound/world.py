@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_simulator.sound.levels import db_to_ratio
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise
 from av_simulator.sound.propagation import Propagation
 from av_simulator.sound.reverberation import Reverberation
 from av_simulator.sound.source import Source
-from av_simulator.sound.stream import Stream, band_power
+from av_simulator.sound.stream import Stream, band_power, db_to_ratio
 from av_simulator.sound.surroundings import Surroundings
 
 
@@ -113,5 +112,4 @@ class SoundWorld:
         if power == 0.0:
             raise ValueError(f'snr source is {snr.source}, which is silent in its first seconds; '
                              'omit snr and set the levels of the noise in dB SPL')
-        spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
-        return power * (spreading * db_to_ratio(self._sources[snr.source].gain_db)) ** 2
+        return power * (db_to_ratio(self._sources[snr.source].gain_db) / snr.distance_m) ** 2
