@@ -22,8 +22,6 @@ from av_bags.reader import Bag
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import load_rig
-from av_evaluation.runs.cases import Case
-from av_evaluation.runs.runs import changed_scenario
 from av_simulator.scenario import load_scenario
 from av_simulator.sound.source import load_profile
 from av_simulator.sound.source_signals import RecordedSignal
@@ -36,7 +34,6 @@ SECONDS = 2.0       # of this process, so that the load of the machine does not 
 MEGABYTES = 200.0
 YAML = {
     'scenario': load_scenario,
-    'changed scenario': lambda path: changed_scenario(Case(str(path))),
     'rig': load_rig,
     'drone': load_profile,
     'array': MicrophoneArray.load,
