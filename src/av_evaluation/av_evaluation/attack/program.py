@@ -10,11 +10,11 @@ import signal
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
-from pathlib import Path
 
 from av_evaluation.attack.datagrams import Datagrams
 from av_evaluation.attack.judges import Findings
@@ -39,27 +39,6 @@ LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces>
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
 IN_TIME = 'tracking and processes are back in time'
 Memory = dict[int, tuple[str, ProcessSample]]
-
-
-@dataclass(frozen=True)
-class Options:
-    """What to run.
-
-    Parameters:
-        minutes: duration of all attacks; the first round has all kinds.
-        out: folder for the table, the data and what the rig prints.
-        only: names of attacks, empty for all.
-        seed: of all random values.
-        offset: of the rig's UDP ports.
-        arguments: further launch arguments.
-    """
-
-    minutes: float
-    out: Path
-    only: tuple[str, ...] = ()
-    seed: int = 0
-    offset: int = 0
-    arguments: tuple[str, ...] = ()
 
 
 @dataclass
@@ -98,10 +77,11 @@ class Attack:
     """The attacks on one rig, each a method that takes its result, and of some the name of a process.
 
     Parameters:
-        options: what to run.
+        options: `minutes` of all attacks, of which the first round has all kinds; `out`, the folder for what is written; names
+            of kinds (`only`), empty for all; `seed`; `port_offset` of the rig; further arguments (`launch`).
     """
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: Namespace) -> None:
         self._options, self._random = options, random.Random(options.seed)
         self._results: list[Result] = []
         self._first: Memory = {}    # before the first attack on each process, and after the last
@@ -148,8 +128,8 @@ class Attack:
         """Start the rig, and end the one before with all its processes."""
         self._launched.close()
         options = self._options
-        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.arguments)]
-        given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.offset}', *options.arguments]
+        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.launch)]
+        given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.port_offset}', *options.launch]
         log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
         self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
 
@@ -240,7 +220,7 @@ class Attack:
     def _send(self, result: Result, datagrams: Sequence[str] = (), **messages: object) -> None:
         """Attack ports by kinds of datagrams, and topics where options of `Messages.attack` are given, at once."""
         common = {'seconds': SECONDS, 'seed': self._seed()}
-        calls = [self._sender.send('attack', **common, rate=DATAGRAM_RATE, offset=self._options.offset, kinds=datagrams)
+        calls = [self._sender.send('attack', **common, rate=DATAGRAM_RATE, offset=self._options.port_offset, kinds=datagrams)
                  ] if datagrams else []
         calls += [self._peer.send('attack', **common, rate=MESSAGE_RATE, **messages)] if messages else []
         for call in calls:
@@ -339,7 +319,7 @@ class Attack:
         text = '\n'.join(lines)
         print(f'\n{text}', flush=True)
         (self._options.out / 'table.md').write_text(text + '\n')
-        data = {'options': asdict(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
+        data = {'options': vars(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
                 'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count(), 'diagnostics': self._problems()}
         (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
         return 1 if any(failed.values()) or not self._results else 0

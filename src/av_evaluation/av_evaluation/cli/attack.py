@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from av_evaluation.attack.program import Attack, Options
+from av_evaluation.attack.program import Attack
 
 KINDS = ('messages', 'datagrams', 'requests', 'no inputs', 'disabled', 'kill', 'stop')
 
@@ -26,16 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('launch', nargs='*', metavar='NAME:=VALUE', help='further arguments of rig.launch.py')
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
-    return Attack(Options(options.minutes, out, tuple(options.only), options.seed, options.port_offset,
-                          tuple(options.launch))).run()
+    options.out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
+    return Attack(options).run()
 
 
 def _positive(text: str) -> float:
     if not 0.0 < (value := float(text)) < 1e6:
         raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
     return value
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -112,7 +111,3 @@ def _print(profiles: Sequence[str], flights: Sequence[Flight]) -> None:
     wrong = sum(flight.named not in (flight.profile, '') for flight in flights)
     print(f'of {len(flights)} flights {100 * named / len(flights):.0f} % are named rightly, '
           f'{100 * wrong / len(flights):.0f} % wrongly')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,31 +1,25 @@
-"""ros2 run av_evaluation estimate_latency BAG: offset between the stamps of sound and of images in a bag or scenario."""
+"""ros2 run av_evaluation estimate_latency BAG: offset between the stamps of sound and of images in a bag."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from av_bags.reader import Bag
-from av_common.rig import load_rig
-from av_evaluation.experiments.offline_run import OfflineRun
-from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.calibration.latency import estimate_offset
-from av_fusion.tracker import MultiTargetTracker
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the offset and the parameter that compensates it; returns 1 where it cannot be estimated."""
     parser = argparse.ArgumentParser(prog='estimate_latency', description=__doc__)
-    parser.add_argument('input', help='a bag, or a scenario (shipped name or .yaml file)')
+    parser.add_argument('bag', help='mcap or sqlite3 (.db3), a file or a folder')
     parser.add_argument('--tau', type=float, default=0.5, help='score from which a detection counts (%(default)s)')
     parser.add_argument('--largest', type=float, default=0.6, help='largest possible offset in s (%(default)s)')
     options = parser.parse_args(arguments)
     try:
-        log = _log_of(options.input)
+        with Bag(options.bag) as bag:
+            log = Replay(bag, ReplaySettings()).run()
         sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= options.tau
         offset = estimate_offset((log.sound['time'][sound], log.sound['azimuth'][sound], log.sound['mirrored'][sound]),
                                  (log.sight['time'][sight], log.sight['azimuth'][sight]), options.largest)
@@ -35,14 +29,3 @@ def main(arguments: list[str] | None = None) -> int:
     print(f'stamps of sound are {1e3 * offset.seconds:+.1f} ms (+-{1e3 * offset.sigma:.1f}) later than those of sight, '
           f'from {offset.pairs} pairs\nfusion_node: sound_delay: {offset.seconds:.3f}   (to be added to the present value)')
     return 0
-
-
-def _log_of(name: str) -> RunLog:
-    if name.endswith(('.mcap', '.db3')) or Path(name).is_dir():
-        with Bag(name) as bag:
-            return Replay(bag, ReplaySettings()).run()
-    return OfflineRun(load_scenario(find_config(name, 'scenarios')), load_rig(find_config('rig')), MultiTargetTracker()).run()
-
-
-if __name__ == '__main__':
-    sys.exit(main())

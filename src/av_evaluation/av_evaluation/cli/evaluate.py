@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
-from av_evaluation.metrics.comparison import INTERVAL, format_rows, metrics_of, rows_of, sigma_by_sensor, taus_of, write_report
+from av_evaluation.metrics.comparison import INTERVAL, format_rows, metrics_of, rows_of, sigma_by_sensor, write_report
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.tracks import TrackFigures
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
@@ -37,7 +37,7 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     inputs = find_inputs(options.inputs)
     check_methods(tuple(options.methods))
     remap = tuple(text for text in options.remap if text)
-    common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration}
+    common = {'methods': tuple(options.methods), 'duration': options.duration}
     if options.oracle and options.model:
         raise ValueError('--oracle and --model exclude each other')
     seeing = '' if options.oracle else options.model or 'shipped'
@@ -53,9 +53,6 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
 def show(runs: Sequence[RunResult]) -> None:
     """Print the table of figures, and the notes of the runs to standard error."""
     print(format_rows(*rows_of(metrics_of(runs))))
-    for tau, methods in taus_of(runs).items():
-        print(f'tau {tau:g}: RMSE' + ','.join(f' {name} {figures["rmse_deg"]:.2f}°' for name, figures in methods.items()
-                                              if figures['rmse_deg'] is not None))
     for name, figures in sigma_by_sensor(runs).items():
         print(f'while {name} leads: {100.0 * figures.within:.0f} % of the errors of the fused bearing within {INTERVAL} sigma, '
               f'RMSE {figures.rmse_deg:.2f}°, sigma {figures.sigma_deg:.2f}°')
@@ -83,7 +80,6 @@ def make_parser() -> argparse.ArgumentParser:
     add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
     add('--methods', nargs='+', metavar='METHOD', default=list(METHODS),
         help=f'to evaluate (default: those of the publication and ours): {", ".join(known_methods())}')
-    add('--taus', nargs='*', type=float, default=[], help='further gates on the score of detections, for fused and gated')
     add('--duration', type=float, default=0.0, help='of each run in s; 0: that of the scenario or bag')
     add('--model', default='', help="a detector's ONNX file, 'shipped', or a detector of another package; without it scenarios "
         'have the shipped one, and bags their recorded detections')

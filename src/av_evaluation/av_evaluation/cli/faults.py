@@ -89,7 +89,3 @@ def _faultless(pool: multiprocessing.pool.Pool, jobs: list[tuple[str, int]]) -> 
 
 def _scenario(job: tuple[str, int]) -> tuple[float, list[tuple[str, float, bool]]]:
     return faultless(*job)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from itertools import repeat
@@ -101,7 +100,3 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--out', type=Path, help='JSON file for every start and its results')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import sys
 import warnings
 from collections.abc import Sequence
 
@@ -35,7 +34,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'--seed {seed} --sequences 1: {fault}')
     print(f'{len(found)} of {options.sequences} sequences break a promise')
     return 1 if found else 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -45,7 +44,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help='folder with drone_detection and kemar (default: %(default)s)')
     options = parser.parse_args(arguments)
     return print_sections(parser, sections(options.trials, options.data), options.sections)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

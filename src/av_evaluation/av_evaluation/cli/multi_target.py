@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
-from av_evaluation.experiments.multi_target import GimbalRig, MultiTargetFigures, OwnFilter, Peer, figures_of
+from av_evaluation.experiments.multi_target import MultiTargetFigures, OwnFilter, Peer, figures_of
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
 SCENARIOS = ('crossing', 'swarm_5', 'birds_and_drones', 'swarm_10')
 OWN, JPDA = 'av_fusion', 'Stone Soup JPDA'
-FOLLOWS, VISITS = 'gimbal follows', 'gimbal visits'
 BETTER = 0.25  # share by which the mean GOSPA is to be below that of the peer
 BIRDS = {'birds_and_drones': 6}
 
@@ -28,9 +27,8 @@ BIRDS = {'birds_and_drones': 6}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; returns 1 where the filter is not BETTER than a peer."""
     options = _parser().parse_args(arguments)
-    peers = [] if options.gimbal or options.without_peers else [JPDA]
-    names = [OWN, *([FOLLOWS, VISITS] if options.gimbal else peers if find_spec('stonesoup') else [])]
-    if len(names) == 1 and peers:
+    names = [OWN, JPDA] if find_spec('stonesoup') and not options.without_peers else [OWN]
+    if len(names) == 1 and not options.without_peers:
         print('stonesoup is not installed: without its tracker (pip install stonesoup)', file=sys.stderr)
     seeds = range(options.seed, options.seed + options.seeds)
     jobs = [Job(scenario, seed, name, options.pair, options.alike, options.rate)
@@ -46,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             runs = [found[Job(scenario, seed, name, options.pair, options.alike, options.rate)] for seed in seeds]
             means[name] = _print(scenario, name, runs)
         worse += [f'{scenario}: {means[OWN]:.2f} deg, {name} {mean:.2f} deg' for name, mean in means.items()
-                  if name in peers and means[OWN] > (1.0 - BETTER) * mean]
+                  if name != OWN and means[OWN] > (1.0 - BETTER) * mean]
     for line in worse:
         print(f'MISSED: GOSPA of {line}, expected {100 * BETTER:.0f} % less')
     return 1 if worse else 0
@@ -81,14 +79,12 @@ def run(job: Job) -> MultiTargetFigures:
         scenario = replace(scenario, targets=tuple(replace(target, drone=first.drone, signal=first.signal)
                                                    for target in scenario.targets))
     simulation = MeasurementSimulation(scenario, job.seed, model)
-    return figures_of(_make(job.tracker, model, simulation), simulation.scans())
+    return figures_of(_make(job.tracker, model), simulation.scans())
 
 
-def _make(name: str, model: SensorModel, simulation: MeasurementSimulation) -> Peer:
+def _make(name: str, model: SensorModel) -> Peer:
     if name == OWN:
         return OwnFilter()
-    if name in (FOLLOWS, VISITS):
-        return GimbalRig(simulation, visits=name == VISITS)
     from av_evaluation.experiments.stone_soup import StoneSoupJpda  # an optional dependency
 
     return StoneSoupJpda(model)
@@ -111,11 +107,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
     parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
     parser.add_argument('--rate', type=float, default=10.0, help='of windows and of images in Hz (%(default)s)')
-    parser.add_argument('--gimbal', action='store_true', help='a camera on a gimbal that follows one target, or visits all')
     parser.add_argument('--without-peers', action='store_true', help='this filter alone')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

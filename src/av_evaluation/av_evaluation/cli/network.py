@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -145,7 +144,3 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
     parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

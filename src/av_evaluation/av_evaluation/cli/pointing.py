@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 
 from av_evaluation.closed_loop import Conditions, close_loop
@@ -54,7 +53,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
             cells = ' | '.join(f'{value:.1f}' for value in figures(delay, lag, options.seconds))
             print(f'| {delay:.1f}, {lag:.1f} | {cells} |', flush=True)
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

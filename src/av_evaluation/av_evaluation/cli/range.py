@@ -7,7 +7,6 @@ drone's; and that of the bound for directions. Steps are of a factor of 1.4, fro
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 from av_evaluation.hearing.reach import ARRAYS, PLACES, Air, Scene
@@ -40,7 +39,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 where = f'{place.name:<18} {place.ambient_dba:5.0f} {place.wind:4.0f}'
                 print(f'{name:<18} {where} {ARRAYS[count].name:<16} {found}', flush=True)
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -61,7 +61,3 @@ def make_parser() -> argparse.ArgumentParser:
         help='file of measured values, updated with the README (%(default)s)')
     add_run_options(parser, 'report.html, metrics.json')
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

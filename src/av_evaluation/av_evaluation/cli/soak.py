@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from av_evaluation.processes import launched_rig
-from av_evaluation.soak import Limits, ProcessHistory, draw_memory, format_histories, lost_sound, save_histories, watch
+from av_evaluation.soak import Limits, ProcessHistory, format_histories, lost_sound, save_histories, watch
 
 RIG = ('model:=shipped', 'renderer:=flat')
 
@@ -27,7 +27,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
                         help='minutes at the start that do not count, at most half of the run (%(default)s)')
     parser.add_argument('--most-growth', type=_positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
     parser.add_argument('--every', type=_positive, default=5.0, help='seconds between samples (%(default)s)')
-    parser.add_argument('--out', type=Path, help="folder for table, samples, plot, the rig's output and the monitor's files")
+    parser.add_argument('--out', type=Path, help="folder for table, samples, the rig's output and the monitor's files")
     return parser.parse_args(arguments)
 
 
@@ -66,7 +66,6 @@ def _report(histories: Sequence[ProcessHistory], lost: dict[str, int], options: 
     if options.out:
         (options.out / 'soak.txt').write_text(f'{text}\n')
         save_histories(histories, options.out / 'soak.csv')
-        draw_memory(histories, options.out / 'soak.png', limits.settle)
     return 0 if steady and not lost else 1
 
 
@@ -75,7 +74,3 @@ def _positive(text: str) -> float:
     if not (value > 0.0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
     return value
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.angles import angles_to_direction, direction_to_angles
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
-from av_fusion.measurement.vectors import rows_of
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario, Target
 from av_simulator.sound.rotor import RotorSignal
@@ -90,10 +88,6 @@ class Scan(NamedTuple):
 class MeasurementSimulation:
     """Draws the measurements of a scenario for a rig that stands still at its initial yaw.
 
-    Attributes:
-        camera (3, 3): rotation matrix from the camera's frame (x along the optical axis) to the body's, which a gimbal may
-            change between scans.
-
     Parameters:
         scenario: targets and air.
         seed: of all draws.
@@ -103,7 +97,6 @@ class MeasurementSimulation:
     def __init__(self, scenario: Scenario, seed: int, model: SensorModel | None = None) -> None:
         self._scenario, self._model = scenario, model or SensorModel()
         self._random = np.random.default_rng(seed)
-        self.camera = np.eye(3)
         count = len(scenario.targets)
         self._birds = [RandomFlight((0.0, 0.0, 8.0), (18.0, 18.0, 3.0), 14.0, 1000 * seed + bird)
                        for bird in range(self._model.birds)]
@@ -192,7 +185,6 @@ class MeasurementSimulation:
         model, random, drones = self._model, self._random, len(self._scenario.targets)
         vectors, distances = self._seen_from_rig(
             time, [*(target.trajectory for target in self._scenario.targets), *self._birds])
-        vectors = vectors @ self.camera
         fog = float(self._scenario.weather.fog(time))
         shown: list[int] = []
         found = []
@@ -209,14 +201,12 @@ class MeasurementSimulation:
             found.append(self._detection(random.uniform(-model.half_view, model.half_view),
                                          random.uniform(-0.5 * model.half_height, model.half_height), random.beta(2.0, 5.0)))
         visibility = math.exp(-fog * float(distances.mean()))
-        return CameraMeasurement(time, tuple(found), model.half_view, model.half_height, visibility, rows_of(self.camera))
+        return CameraMeasurement(time, tuple(found), model.half_view, model.half_height, visibility)
 
     def _detection(self, azimuth: float, elevation: float, score: float) -> Detection:
-        """A detection at angles in the camera's frame, in that of the body."""
         sigma = self._model.sight_sigma
-        measured = azimuth + sigma * self._random.normal(), elevation + sigma * self._random.normal()
-        across, up = direction_to_angles(self.camera @ angles_to_direction(*measured))
-        return Detection(float(across), sigma**2, score, float(up), sigma**2)
+        across, up = azimuth + sigma * self._random.normal(), elevation + sigma * self._random.normal()
+        return Detection(across, sigma**2, score, up, sigma**2)
 
 
 def blade_pass_of(target: Target) -> float:

@@ -24,7 +24,7 @@ METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
 ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}
 OWN_TRACKERS = {'fused': 'bayes'}
-DEFAULT_TAU = 0.5
+TAU = 0.5  # score from which a detection counts
 MEDIAN = 5  # bearings of the median filter of every method
 
 
@@ -69,7 +69,7 @@ def estimators_of(methods: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if name in DOA_METHODS.names and name != OWN_METHOD))
 
 
-def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU) -> tuple[NDArray, NDArray]:
+def bearings(method: str, record: MeasurementRecord, log: RunLog) -> tuple[NDArray, NDArray]:
     """Times (n, s) and azimuths (n, rad, body frame) of one method, median-filtered in the world frame.
 
     They are empty where the target was not detected. Raises UnavailableError where the run lacks the measurements that the
@@ -79,12 +79,11 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = D
         method: one of `known_methods`.
         record: measurements of the run.
         log: truth, measurements and bearings of the run.
-        tau: score from which a detection counts.
     """
     check_methods((method,))
     observed = False
     if is_tracker(method):
-        series = track(method, record, log, tau)
+        series = track(method, record, log)
         known = series['state'] != State.NONE
         time = series['time'][known]
         world = wrap(series['azimuth'][known] + log.heading(time))
@@ -93,7 +92,7 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = D
             time, first = np.unique(time - series['delay'][known], return_index=True)
             world = world[first]
     elif method == 'sight':
-        detected = log.sight['score'] >= tau
+        detected = log.sight['score'] >= TAU
         time = log.sight['time'][detected]
         world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
@@ -104,23 +103,22 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = D
     return time, wrap(_median(world) - log.heading(time))
 
 
-def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU) -> Series:
+def track(method: str, record: MeasurementRecord, log: RunLog) -> Series:
     """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
 
     Parameters:
         method: `fused` for the filter, `gated` for the published controller, or another tracker.
         record: measurements of the run.
         log: of the run.
-        tau: gate on the score of detections.
     """
-    if method == 'fused' and tau == DEFAULT_TAU:
+    if method == 'fused':
         return log.fused
     if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
     if is_folded(method):
         record = record.with_directions(_resolved(_directions(method, record), log))
     return record.replay(make_tracker(node_parameters(
-        'av_fusion', 'fusion_node', overrides={'method': OWN_TRACKERS.get(method, method), 'tau': tau})))
+        'av_fusion', 'fusion_node', overrides={'method': OWN_TRACKERS.get(method, method), 'tau': TAU})))
 
 
 def _directions(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:

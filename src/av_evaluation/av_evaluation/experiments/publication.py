@@ -9,18 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from av_evaluation.experiments.methods import METHODS, is_tracker
 from av_evaluation.experiments.physical import CLIPS, FILMED, ROOM
-from av_evaluation.metrics.comparison import add_taus, cell, domain_rows, metrics_of, rows_of, taus_of
+from av_evaluation.metrics.comparison import cell, domain_rows, metrics_of, rows_of
 from av_evaluation.metrics.results import RunResult
-from av_evaluation.report.charts import bearing_chart, curve_chart, distribution_chart, label
+from av_evaluation.report.charts import bearing_chart, distribution_chart, label
 from av_evaluation.report.page import Page
 from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]
-TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
 DETECTOR = ', detector'  # ends the names of experiments with the shipped detector on rendered images; others have the oracle
 SOUND_METHODS = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
 
@@ -69,8 +66,7 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
             cases[f'{experiment.scenario}{DETECTOR}'] = [
                 Case(experiment.scenario, seed, methods, model='shipped') for seed in (1, 2)[:seeds]]
     for experiment in EXPERIMENTS:
-        taus = TAUS if experiment.scenario in ('fog_woodland', 'occluded_room') else ()
-        cases[experiment.scenario] = [Case(experiment.scenario, seed, methods, taus) for seed in range(1, seeds + 1)]
+        cases[experiment.scenario] = [Case(experiment.scenario, seed, methods) for seed in range(1, seeds + 1)]
     for name in ('circle', 'tripod'):
         cases[f'{name}, rig still'] = [replace(case, follow=False) for case in cases[name][:max(seeds // 2, 1)]]
     if data.exists():
@@ -119,7 +115,6 @@ def make_page(runs: Runs, command: str, quick: bool, methods: Sequence[str] = ME
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
             if experiment.scenario in PUBLISHED:
                 page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[experiment.scenario]))
-    _sensitivity(page, [run for name in ('fog_woodland', 'occluded_room') for run in runs.get(name, ())])
     _stand_ins(page, runs)
     page.heading('All errors')
     page.figure(distribution_chart(_four(runs), methods),
@@ -176,15 +171,6 @@ def _table_3(page: Page, runs: Runs, methods: Sequence[str]) -> None:
     page.table(head, rows, ours=label('fused'))
     page.paragraph('The four experiments together. Methods of sound alone are evaluated at the centre of their window, whose '
                    'delay is their latency; trackers are evaluated at the time of their estimate.')
-
-
-def _sensitivity(page: Page, runs: Sequence[RunResult]) -> None:
-    add_taus(page, runs)
-    taus = taus_of(runs)
-    if taus:
-        curves = {name: (list(taus), [100.0 * (taus[tau][name]['coverage'] or np.nan) for tau in taus])
-                  for name in ('fused', 'gated')}
-        page.figure(curve_chart(curves, 'tau', 'coverage (%)'), 'Coverage against the gate. Experiments 3 and 4.')
 
 
 def _stand_ins(page: Page, runs: Runs) -> None:

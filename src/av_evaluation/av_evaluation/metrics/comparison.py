@@ -13,7 +13,7 @@ import numpy as np
 from av_common.track import State
 from av_evaluation.metrics.results import RunResult, errors_together, figures_together
 from av_evaluation.metrics.statistics import cohens_d, percentile_matched_correlation
-from av_evaluation.report.charts import bearing_chart, curve_chart, distribution_chart, label
+from av_evaluation.report.charts import bearing_chart, distribution_chart, label
 from av_evaluation.report.page import Page
 
 Figures = Mapping[str, float | None]
@@ -26,9 +26,8 @@ TIMES = (('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
 
 
 def methods_of(runs: Sequence[RunResult]) -> list[str]:
-    """Methods of the runs in their order, without those at other gates (`name@tau`)."""
-    named = dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing))
-    return [method for method in named if '@' not in method]
+    """Methods of the runs in their order."""
+    return list(dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing)))
 
 
 def metrics_of(runs: Sequence[RunResult], methods: Sequence[str] | None = None) -> dict[str, dict[str, float | None]]:
@@ -52,12 +51,6 @@ def cell(figures: Figures, key: str, scale: float, form: str) -> str:
     """
     value = figures.get(key)
     return form.format(scale * value) if value is not None else '–'
-
-
-def number(figures: Figures, key: str) -> float:
-    """A figure, nan where there is none."""
-    value = figures.get(key)
-    return math.nan if value is None else value
 
 
 def interval(figures: Figures) -> str:
@@ -90,13 +83,6 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
                                for column, (text, width) in enumerate(zip(row, widths, strict=True))) for row in (head, *rows))
 
 
-def taus_of(runs: Sequence[RunResult]) -> dict[float, dict[str, dict[str, float | None]]]:
-    """Figures of `fused` and `gated` by the gate on the score of detections."""
-    taus = sorted({float(method.split('@')[1]) for run in runs for method in run.methods if '@' in method})
-    return {tau: {name: figures_together(runs, f'{name}@{tau:g}', intervals=False) for name in ('fused', 'gated')}
-            for tau in taus}
-
-
 def write_json(path: Path, content: object) -> None:
     """Write content as JSON. Raises ValueError for nan, which standard JSON lacks."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n')
@@ -127,7 +113,6 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
                    'Kalman filter, are given the true one of two hypotheses and evaluated at the centre of their window. '
                    'Fused, gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
     page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')
-    add_taus(page, runs)
     inputs = list(dict.fromkeys(run.case['input'] for run in runs))
     if len(inputs) > 1:
         page.heading('By input')
@@ -144,15 +129,6 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         page.paragraph(f'`{name}` failed: {reason}')
     page.write(out / 'report.html')
     return out / 'report.html'
-
-
-def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
-    """Add a chart of the RMSE by the gate, where it was varied."""
-    taus = taus_of(runs)
-    if taus:
-        curves = {name: (list(taus), [number(taus[tau][name], 'rmse_deg') for tau in taus]) for name in ('fused', 'gated')}
-        page.heading('Sensitivity to the gate tau')
-        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the score of detections.')
 
 
 def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[list[str], list[list[str]]]:

@@ -57,7 +57,7 @@ class RunResult:
         key: digest of the case and the code, see `Case.key`.
         case: fields of the `Case`.
         span_s (s): time for which errors count.
-        methods: results by name of the method, `name@tau` for other gates.
+        methods: results by name of the method.
         missing: reasons why a method has no result, by its name.
         notes: on the origin of the data.
         truth: columns `time` (s) and `azimuth` (rad, body frame); empty without truth.
@@ -136,7 +136,7 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
 
     Parameters:
         runs: whose errors are pooled.
-        method: name, or `name@tau`.
+        method: its name.
         intervals: whether to compute the interval of the RMSE.
     """
     results = [(run, run.methods[method]) for run in runs if method in run.methods]

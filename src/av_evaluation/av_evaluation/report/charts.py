@@ -1,8 +1,8 @@
-"""Charts of results: bearings and errors against time, distributions of errors, and figures against a parameter."""
+"""Charts of results: bearings and errors against time, and distributions of errors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,15 +23,13 @@ OTHERS = ('#e377c2', '#17becf', '#bcbd22', '#393b79', '#637939')  # methods of o
 
 
 def colour(method: str) -> str:
-    """Colour of a method, or of `name@tau`, in figures."""
-    name = method.partition('@')[0]
-    return COLOURS.get(name, OTHERS[sum(map(ord, name)) % len(OTHERS)])
+    """Colour of a method in figures."""
+    return COLOURS.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
 def label(method: str) -> str:
-    """Name of a method, or of `name@tau`, in tables and figures."""
-    name, _, tau = method.partition('@')
-    return LABELS.get(name, name) + (f', tau {tau}' if tau else '')
+    """Name of a method in tables and figures."""
+    return LABELS.get(method, method)
 
 
 def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
@@ -88,29 +86,6 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
                       color=colour(method), linewidth=2.2 if method == 'fused' else 1.3)
     axes.set(xscale='log', xlim=(0.02, 180.0), ylim=(0, 101), xlabel='error (deg)', ylabel='share of errors below (%)')
     axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
-    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
-    return _tidy(figure)
-
-
-def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], xlabel: str, ylabel: str,
-                log: bool = False) -> Figure:
-    """Figures against a varied parameter, one curve for each method.
-
-    Parameters:
-        curves: values of the parameter and figures (nan: none) by method.
-        xlabel: name of the parameter, with its unit.
-        ylabel: name of the figure, with its unit.
-        log: whether the axis of figures is logarithmic.
-    """
-    figure = Figure(figsize=(11, 3.8), layout='constrained')
-    axes = figure.subplots()
-    for name, (x, y) in curves.items():
-        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=colour(name), linewidth=1.8, markersize=4.5)
-    axes.set(xlabel=xlabel, ylabel=ylabel, yscale='log' if log else 'linear')
-    if log:
-        axes.yaxis.set_major_formatter('{x:g}')
-    else:
-        axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
 

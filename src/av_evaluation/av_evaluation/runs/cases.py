@@ -35,7 +35,6 @@ class Case:
         input: shipped name or file of a scenario, a bag, or `filmed:CLIP` and `room:NUMBER`.
         seed: of the scenario's noise.
         methods: to evaluate.
-        taus: further gates on the score of detections, for which `fused` and `gated` are evaluated as well.
         duration (s): 0 for that of the input.
         model: ONNX file of the detector, 'shipped', or '' for the simulator's visual oracle or the recorded detections.
         follow: whether the rig of a scenario obeys the pointing controller, or moves as the scenario defines.
@@ -51,7 +50,6 @@ class Case:
     input: str
     seed: int = 0
     methods: tuple[str, ...] = ('fused', 'sound', 'sight')
-    taus: tuple[float, ...] = ()
     duration: float = 0.0
     model: str = ''
     follow: bool = True

@@ -31,7 +31,7 @@ from av_simulator.scenario import load_scenario
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError with a message about the input."""
     log, record, notes = _measure(case)
-    result = evaluate_run(case.name, log, record, case.methods, case.taus)
+    result = evaluate_run(case.name, log, record, case.methods)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
     return result
@@ -46,8 +46,7 @@ def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     return _replay(case) if case.is_bag else _simulate(case)
 
 
-def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...],
-              taus: tuple[float, ...] = ()) -> RunResult:
+def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...]) -> RunResult:
     """Evaluate methods on one run.
 
     Parameters:
@@ -55,19 +54,16 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
         log: truth, measurements and bearings.
         record: measurements for other methods.
         methods: to evaluate.
-        taus: further gates for `fused` and `gated`.
     """
     acquired = summarise(log).acquired
     ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
     span = max(ends, default=0.0) - acquired if math.isfinite(acquired) else 0.0
     result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
-    wanted = [(method, method, 0.5) for method in methods]
-    wanted += [(f'{method}@{tau:g}', method, tau) for tau in taus for method in ('fused', 'gated')]
-    for label, method, tau in wanted:
+    for method in methods:
         try:
-            result.methods[label] = _evaluate(method, log, record, tau, acquired, span)
+            result.methods[method] = _evaluate(method, log, record, acquired, span)
         except UnavailableError as error:
-            result.missing[label] = str(error)
+            result.missing[method] = str(error)
     if log.has_truth:
         result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
     seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= 0.5]
@@ -83,15 +79,15 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
     return result
 
 
-def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, acquired: float, span: float) -> MethodResult:
-    time, azimuth = bearings(method, record, log, tau)
+def _evaluate(method: str, log: RunLog, record: MeasurementRecord, acquired: float, span: float) -> MethodResult:
+    time, azimuth = bearings(method, record, log)
     compared = compare(time, azimuth, log, acquired)
     grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
     folded = is_folded(method)
     opposite = np.zeros(0, bool) if folded else compared.opposite
     result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, coverage_of(grid, time))
     if is_tracker(method) and not folded:
-        series = track(method, record, log, tau)
+        series = track(method, record, log)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]
     elif is_tracker(method) and method != 'moving_average':

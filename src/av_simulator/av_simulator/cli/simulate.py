@@ -76,7 +76,3 @@ def _simulate(world: World, options: argparse.Namespace) -> None:
             recorder.close()
     took = time.monotonic() - began
     print(f'\r{world.time:.1f} s simulated in {took:.1f} s: {world.time / took:.1f} x real time; see {options.out}')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
