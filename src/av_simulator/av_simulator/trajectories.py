@@ -94,7 +94,6 @@ class FigureEight:
         width (m): extent perpendicular to it.
         period (s): time for one round.
         heading_deg (deg): direction of the long axis, counter-clockwise from east.
-        phase_deg (deg): phase at time 0.
     """
 
     center: Vector
@@ -102,11 +101,10 @@ class FigureEight:
     width: float = bounded(10.0, above=0.0)
     period: float = bounded(40.0, above=0.0)
     heading_deg: float = 0.0
-    phase_deg: float = 0.0
 
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""
-        phase = np.deg2rad(self.phase_deg) + 2 * np.pi * np.atleast_1d(np.asarray(times, float)) / self.period
+        phase = 2 * np.pi * np.atleast_1d(np.asarray(times, float)) / self.period
         along, across = self.length / 2 * np.sin(phase), self.width / 2 * np.sin(2 * phase)
         c, s = np.cos(np.deg2rad(self.heading_deg)), np.sin(np.deg2rad(self.heading_deg))
         offset = np.stack([c * along - s * across, s * along + c * across, np.zeros_like(along)], axis=1)

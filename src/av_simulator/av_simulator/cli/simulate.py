@@ -10,11 +10,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from av_common.rig import load_rig
 from av_simulator.cli.arguments import not_negative, positive, seed
 from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
-from av_simulator.run import steps
+from av_simulator.run import open_world, steps
 from av_simulator.scenario import load_scenario
 from av_simulator.world import World, with_recording
 
@@ -43,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
         scenario = load_scenario(file)
         if options.drone_recording:
             scenario = with_recording(scenario, options.drone_recording)
-        world = World(scenario, load_rig(find_config(options.rig or scenario.rig.description)), options.seed)
+        world = open_world(scenario, options.rig or '', options.seed)
         options.out.mkdir(parents=True, exist_ok=True)
         shutil.copy(file, options.out / 'scenario.yaml')
         _simulate(world, options)

@@ -9,13 +9,13 @@ import sys
 from dataclasses import asdict
 
 from av_common.launched import report_started
-from av_common.rig import load_rig
 from av_sim_bridge.wire.ports import Ports
 from av_simulator.cli.arguments import not_negative, port_offset, positive, seed
 from av_simulator.config_files import find_config
+from av_simulator.run import open_world
 from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
-from av_simulator.world import World, standing_at, with_recording
+from av_simulator.world import standing_at, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
             scenario = with_recording(scenario, options.drone_recording)
         if options.at:
             scenario = standing_at(scenario, *options.at)
-        world = World(scenario, load_rig(find_config(options.rig or scenario.rig.description)), options.seed)
+        world = open_world(scenario, options.rig or '', options.seed)
         simulator = Simulator(world, WireOptions(
             host=options.host, bind_address=options.bind_address, allowed_senders=tuple(options.allowed_senders),
             ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,

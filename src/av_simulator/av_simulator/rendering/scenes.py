@@ -83,13 +83,11 @@ class Woodland:
         trees: number of trees.
         clearing (m): smallest distance of a tree from the origin.
         extent (m): largest distance of a tree from the origin.
-        conifers (0 to 1): share of conifers.
     """
 
     trees: int = bounded(80, low=0, high=1000)
     clearing: float = bounded(16.0, low=0.0)
     extent: float = bounded(60.0, above=0.0)
-    conifers: float = bounded(0.5, low=0.0, high=1.0)
 
     ground = 'forest'
     sky = True
@@ -100,7 +98,7 @@ class Woodland:
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
         """Trees, bushes and rocks."""
-        yield from _trees(random, self.trees, self.clearing, self.extent, self.conifers)
+        yield from _trees(random, self.trees, self.clearing, self.extent, 0.5)
         for x, y in _scattered(random, self.trees // 4, 0.7 * self.clearing, 0.7 * self.extent):
             size = random.uniform(0.3, 0.9)
             yield Solid('ellipsoid', (x, y, 0.5 * size), (size, size, 0.7 * size), (0.22, 0.33, 0.14))

@@ -32,18 +32,16 @@ class EngineSignal:
         level_db_spl (dB SPL): level at 1 m.
         revving: relative RMS variation of the speed.
         noise: share of the power that is noise of the tyres.
-        fastest_hz (Hz): highest frequency of the variation of the speed.
     """
 
     firing_hz: float = bounded(70.0, above=0.0, high=500.0)
     level_db_spl: float = bounded(90.0, low=-100.0, high=200.0)
     revving: float = bounded(0.1, low=0.0, high=0.5)
     noise: float = bounded(0.5, low=0.0, high=1.0)
-    fastest_hz: float = bounded(0.5, above=0.0, high=10.0)
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""
-        speed = Wander([*key, 0], self.fastest_hz)
+        speed = Wander([*key, 0], 0.5)
         phases = np.random.default_rng([*key, 1]).random(40)
         orders = 0.5 * np.arange(1, 41)
         levels = orders ** -0.7 * np.where(orders % 1.0 == 0.0, 1.0, 0.2)
@@ -91,19 +89,17 @@ class HelicopterSignal:
 
 @dataclass(frozen=True)
 class SirenSignal:
-    """A siren or alarm: a tone with harmonics that is swept, or steps between two pitches.
+    """A siren or alarm: a tone with harmonics whose pitch swings between two.
 
     Parameters:
         low_hz, high_hz (Hz): lowest and highest pitch.
-        rate_hz (Hz): sweeps or steps a second.
-        steps: whether the pitch steps.
+        rate_hz (Hz): swings a second.
         level_db_spl (dB SPL): level at 1 m.
     """
 
     low_hz: float = bounded(600.0, above=0.0, high=5000.0)
     high_hz: float = bounded(1400.0, above=0.0, high=5000.0)
     rate_hz: float = bounded(0.4, above=0.0, high=20.0)
-    steps: bool = False
     level_db_spl: float = bounded(100.0, low=-100.0, high=200.0)
 
     def __post_init__(self) -> None:
@@ -117,7 +113,7 @@ class SirenSignal:
 
         def tone(times: NDArray) -> NDArray:
             cycle = (rate * times) % 1.0
-            swing = (np.abs(cycle - 0.5) - 0.5) / rate if self.steps else -np.cos(2.0 * np.pi * cycle) / (2.0 * np.pi * rate)
+            swing = -np.cos(2.0 * np.pi * cycle) / (2.0 * np.pi * rate)
             return _harmonics(middle * times + half * swing, orders, orders ** -1.0, np.zeros(len(orders)))
 
         return _mixed(sample_rate, [*key, 2], tone, self.level_db_spl, 0.0, (200.0, 4000.0))

@@ -18,17 +18,15 @@ FLOW_RESISTIVITY = {
 
 @dataclass(frozen=True)
 class Ground:
-    """A horizontal plane.
+    """The plane z = 0.
 
     Parameters:
         surface: name of a surface in FLOW_RESISTIVITY.
         flow_resistivity (Pa s/m^2): effective flow resistivity, None for that of the surface.
-        height_m (m): z coordinate of the plane.
     """
 
     surface: str = 'grass'
     flow_resistivity: float | None = bounded(None, low=1e3, high=1e9)
-    height_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.surface not in FLOW_RESISTIVITY:

@@ -112,12 +112,12 @@ class GroundRay:
 
     def __init__(self, ground: Ground, shade: Shade):
         self.mirror = np.diag([1.0, 1.0, -1.0])
-        self.shift = np.array([0.0, 0.0, 2.0 * ground.height_m])
+        self.shift = np.zeros(3)
         self._ground, self._shade = ground, shade
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
         """See Ray."""
-        above, received_above = source[2] - self._ground.height_m, receiver[2] - self._ground.height_m
+        above, received_above = source[2], receiver[2]
         if above < 0.0 or received_above < 0.0:
             return None
         path = self.mirror @ receiver + self.shift - source
@@ -146,7 +146,6 @@ class FaceRay:
         self.shift = 2.0 * face.offset * face.normal
         if ground is not None:
             self.mirror = self.mirror @ np.diag([1.0, 1.0, -1.0])
-            self.shift = self.shift + np.array([0.0, 0.0, 2.0 * ground.height_m])
         self._face, self._kept, self._shade, self._obstacle, self._ground = face, kept, shade, obstacle, ground
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
@@ -157,7 +156,7 @@ class FaceRay:
         path = self.mirror @ receiver + self.shift - source
         touched = source + path * (before / (before + behind))
         if self._ground is not None:
-            touched[2] = self._ground.height_m + abs(touched[2] - self._ground.height_m)
+            touched[2] = abs(touched[2])
         if not self._face.holds(touched):
             return None
         factor = self._kept * self._shade.factor(source, touched, self._obstacle)
@@ -181,14 +180,13 @@ class WallsRay:
 def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
     """All rays with 1 to `order` reflections (Allen and Berkley 1979, with mirrored receiver instead of source)."""
     low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
-    kept = np.array([reflection_factor(absorption, frequency_hz) for absorption in room.walls]).reshape(3, 2, -1)
+    kept = reflection_factor(room.absorption, frequency_hz)
     reach = range(-room.order, room.order + 1)
     for turns in product(reach, reach, reach):
         # Along one axis, `turn` reflections give the image 2 * size * ceil(turn / 2) +- x; the sign is - for an odd number.
-        hits = [(abs(turn // 2), abs((turn + 1) // 2)) for turn in turns]
-        if not 0 < sum(map(sum, hits)) <= room.order:
+        hits = sum(map(abs, turns))
+        if not 0 < hits <= room.order:
             continue
         sign = np.array([1.0 if turn % 2 == 0 else -1.0 for turn in turns])
         cells = np.array([(turn + 1) // 2 for turn in turns])
-        loss = np.prod([kept[axis, side] ** hits[axis][side] for axis in range(3) for side in range(2)], axis=0)
-        yield WallsRay(np.diag(sign), low - sign * low + 2.0 * cells * size, loss)
+        yield WallsRay(np.diag(sign), low - sign * low + 2.0 * cells * size, kept**hits)

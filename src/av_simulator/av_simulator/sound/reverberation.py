@@ -23,6 +23,7 @@ _ALIKE_M = 0.1  # m, correlation length of the response along the motion, that o
 # Further pairs of responses, given to the parts by their energy. A single pair for each part leaves a pattern of directions
 # that no motion changes, with up to 7 % of the energy: as much as a drone's direct sound in a hall.
 _FURTHER_PAIRS = 100
+_EDGE_M = 1.0  # m from a zone's box over which its reverberation fades in
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,6 @@ class ReverbZone:
         gain_db (dB): energy of the reverberation over that of the direct sound at 1 m; None for Sabine's formula.
         density (1/s): number of separate echoes.
         diffusion (0 to 1): share of the energy in the diffuse part instead of echoes.
-        edge_m (m): distance from the box over which the reverberation fades in.
     """
 
     minimum: Sequence[float] = bounded(low=-1e4, high=1e4, longest=3)
@@ -46,7 +46,6 @@ class ReverbZone:
     gain_db: float | None = bounded(None, low=-200.0, high=200.0)
     density: float = bounded(2000.0, low=1.0, high=1e5)
     diffusion: float = bounded(0.7, low=0.0, high=1.0)
-    edge_m: float = bounded(1.0, above=0.0)
 
     def __post_init__(self) -> None:
         if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
@@ -67,7 +66,7 @@ class ReverbZone:
             sources, listeners (m, (..., 3)): positions of source and rig in ENU.
         """
         gaps = np.array([self._outside(sources), self._outside(listeners)])
-        inside = np.clip(1.0 - gaps.min(axis=0) / self.edge_m, 0.0, 1.0)
+        inside = np.clip(1.0 - gaps.min(axis=0) / _EDGE_M, 0.0, 1.0)
         return inside / np.maximum(gaps.max(axis=0), 1.0)
 
     def _outside(self, places: NDArray) -> NDArray:

@@ -21,6 +21,8 @@ from av_common.config_reader import bounded
 from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, spl_to_pascal
 from av_simulator.trajectories import Position
 
+_FADE_S = 0.05  # s, from the end of a recording to its beginning
+
 
 class SourceSignal(Protocol):
     """Description of the signal that a source emits."""
@@ -66,44 +68,25 @@ class ToneSignal:
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """A sound file in any format of libsndfile and of any sample rate. Raises FileNotFoundError or ValueError.
+    """A sound file of libsndfile's formats, of any rate, repeated with cross-fades. Raises FileNotFoundError or ValueError.
 
     Parameters:
         file: path of the file.
         level_db_spl (dB SPL): mean level of the whole file at 1 m.
-        pitch: factor of speed and pitch, 0.1 to 10.
-        loop: whether the file is repeated, joined by a cross-fade; otherwise silence follows.
-        start_s (s): time of emission of the file's start.
         channel: index of the channel, None for the mean of all channels.
-        fade_s (s): length of the cross-fade.
     """
 
     file: str | Path
     level_db_spl: float = bounded(74.0, low=-100.0, high=200.0)
-    pitch: float = bounded(1.0, low=0.1, high=10.0)
-    loop: bool = True
-    start_s: float = 0.0
     channel: int | None = None
-    fade_s: float = bounded(0.05, low=0.0, high=10.0)
 
     def __post_init__(self) -> None:
         open_sound(self.file).close()
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""
-        samples = self._load(sample_rate)
-        if self.loop:
-            samples = _join_ends(samples, int(self.fade_s * sample_rate))
-        begin = round(self.start_s * sample_rate)
-
-        def make(index: int) -> NDArray:
-            place = np.arange(index * CHUNK, (index + 1) * CHUNK) - begin
-            if self.loop:
-                return samples[place % len(samples)]
-            inside = (place >= 0) & (place < len(samples))
-            return np.where(inside, samples[np.clip(place, 0, len(samples) - 1)], 0.0)
-
-        return Stream(make, SIGNAL_CHUNKS)
+        samples = _join_ends(self._load(sample_rate), int(_FADE_S * sample_rate))
+        return Stream(lambda index: samples[np.arange(index * CHUNK, (index + 1) * CHUNK) % len(samples)], SIGNAL_CHUNKS)
 
     def _load(self, sample_rate: int) -> NDArray:
         recorded, rate = read_sound(self.file)
@@ -111,7 +94,7 @@ class RecordedSignal:
             raise ValueError(f'recording: channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
                              f'{recorded.shape[1] - 1}')
         mono = recorded.mean(axis=1) if self.channel is None else recorded[:, self.channel]
-        ratio = Fraction(sample_rate / (rate * self.pitch)).limit_denominator(1000)
+        ratio = Fraction(sample_rate / rate).limit_denominator(1000)
         samples = resample_poly(mono, ratio.numerator, ratio.denominator)
         rms = np.sqrt(np.mean(samples**2))
         if len(samples) == 0 or rms == 0.0:

@@ -20,30 +20,20 @@ class Room:
 
     Parameters:
         minimum, maximum (m, ENU): corners.
-        absorption: absorption coefficients of all walls, one value or one for each octave.
-        wall_absorption: absorption of each wall, in the order lower x, upper x, y, y, z, z; None for `absorption`.
+        absorption: absorption coefficients of the walls, one value or one for each octave.
         order: maximum number of reflections of a ray.
     """
 
     minimum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
     maximum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
     absorption: Absorption = (0.2,)
-    wall_absorption: Sequence[Absorption] | None = None
     order: int = bounded(2, low=0, high=8)
 
     def __post_init__(self) -> None:
         if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
             raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
                              f'expected x, y, z, minimum < maximum by at least {NARROWEST} m')
-        if len(self.walls) != 6:
-            raise ValueError(f'room wall_absorption has {len(self.walls)} entries, expected 6')
-        for absorption in self.walls:
-            reflection_factor(absorption, np.zeros(1))
-
-    @property
-    def walls(self) -> list[Absorption]:
-        """Absorption of the six walls."""
-        return [self.absorption] * 6 if self.wall_absorption is None else list(self.wall_absorption)
+        reflection_factor(self.absorption, np.zeros(1))   # raises ValueError for impossible ones
 
 
 @dataclass(frozen=True)
