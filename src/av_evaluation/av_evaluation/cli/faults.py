@@ -14,7 +14,7 @@ import numpy as np
 
 from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.matrix import SCENARIOS, Told, cases, faultless, named, title, try_fault
-from av_evaluation.runs.program import RunProgress
+from av_evaluation.progress import Progress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _faultless(pool, [(name, seed) for name in options.faultless or SCENARIOS for seed in seeds])
         rows = list(cases(options.array, options.quick))
         jobs = [(faults, seed) for faults in rows for seed in seeds]
-        progress = RunProgress()
+        progress = Progress()
         progress.show(0, len(jobs))
         call = partial(_job, options.seconds, options.array)
         results: dict[str, list[Told]] = {}
@@ -74,7 +74,7 @@ def _median(times: list[float]) -> str:
 
 
 def _faultless(pool: multiprocessing.pool.Pool, jobs: list[tuple[str, int]]) -> int:
-    seconds, warnings, errors, progress = 0.0, 0, 0, RunProgress()
+    seconds, warnings, errors, progress = 0.0, 0, 0, Progress()
     progress.show(0, len(jobs))
     for number, ((name, seed), (length, told)) in enumerate(zip(jobs, pool.imap(_scenario, jobs), strict=True), 1):
         seconds += length

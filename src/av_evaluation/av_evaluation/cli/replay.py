@@ -18,6 +18,7 @@ from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter
 from av_evaluation.metrics.metrics import summarise
+from av_evaluation.progress import Progress
 from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
 from av_evaluation.report.text import format_table
 
@@ -79,14 +80,18 @@ def replay(options: argparse.Namespace) -> int:
         out = opened.enter_context(BagWriter(options.out)) if options.out else None
         length = min(bag.length - options.start, options.duration)
         print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
-        progress = Progress(length, options.quiet)
-        log = run.run(out, progress.show)
-        speed = progress.end()
+        progress = Progress('s', options.quiet)
+        progress.show(0.0, length)
+        began, worked = time.monotonic(), time.process_time()
+        log = run.run(out, lambda done: progress.show(done, length))
+        progress.show(length, length)
+        elapsed, busy = (max(spent, 1e-9) for spent in (time.monotonic() - began, time.process_time() - worked))
     for note in run.notes:
         print(f'  ! {note}', file=sys.stderr)
     summary = summarise(log)
     print(format_table(summary))
-    print(speed)
+    print(f'{length:.1f} s replayed in {elapsed:.2f} s: {length / elapsed:.0f} x real time '
+          f'({length / busy:.0f} x by {busy:.2f} s of processor time)')
     if options.report:
         from av_evaluation.report.plot import draw  # matplotlib takes a second to load
 
@@ -95,37 +100,3 @@ def replay(options: argparse.Namespace) -> int:
         (folder / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
         draw(log, folder / 'bearing.png', f'{options.bag}, replayed from {run.stage}')
     return 3 if run.lost else 0
-
-
-class Progress:
-    """Progress and speed on standard error: in place on a terminal, else a line for every tenth.
-
-    Parameters:
-        length (s): of the part to replay.
-        quiet: whether to print nothing.
-    """
-
-    def __init__(self, length: float, quiet: bool = False) -> None:
-        self._length, self._quiet = max(length, 1e-9), quiet
-        self._started = self._shown_at = time.monotonic()
-        self._worked = time.process_time()
-        self._shown = 0.0
-        self._terminal = sys.stderr.isatty()
-
-    def show(self, done: float) -> None:
-        """Print the progress, where it is due, after `done` (s) of the bag."""
-        now = time.monotonic()
-        due = now - self._shown_at > 0.2 if self._terminal else done / self._length >= self._shown + 0.1
-        if due and not self._quiet:
-            self._shown_at, self._shown = now, done / self._length
-            speed = done / max(now - self._started, 1e-9)
-            line = f'  {100.0 * self._shown:3.0f} %  {done:.0f} of {self._length:.0f} s  {speed:.0f} x real time'
-            print(f'\r{line}  ' if self._terminal else line, end='' if self._terminal else '\n', file=sys.stderr, flush=True)
-
-    def end(self) -> str:
-        """Text with the speed by elapsed time, and by processor time, which other processes do not affect."""
-        elapsed, busy = time.monotonic() - self._started, time.process_time() - self._worked
-        if self._terminal and not self._quiet:
-            print(f'\r{"":<60}\r', end='', file=sys.stderr)
-        return (f'{self._length:.1f} s replayed in {elapsed:.2f} s: {self._length / max(elapsed, 1e-9):.0f} x real time '
-                f'({self._length / max(busy, 1e-9):.0f} x by {busy:.2f} s of processor time)')

@@ -4,49 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from av_evaluation.metrics.results import RunResult
+from av_evaluation.progress import Progress
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.schedule import run_cases
-
-
-class RunProgress:
-    """Prints finished runs and the remaining time: in place on a terminal, else a line for each run.
-
-    Parameters:
-        quiet: whether to print nothing.
-    """
-
-    def __init__(self, quiet: bool = False) -> None:
-        self._quiet, self._began = quiet, time.monotonic()
-        self._first: int | None = None
-        self._terminal = sys.stderr.isatty()
-
-    def show(self, done: int, total: int, text: str = '') -> None:
-        """Print the progress; the first call only sets what was computed before.
-
-        Parameters:
-            done: number of finished runs.
-            total: number of runs.
-            text: name of the run that finished last.
-        """
-        if self._first is None:
-            self._first = done
-            if done and not self._quiet:
-                print(f'{done} of {total} runs were computed before', file=sys.stderr)
-            return
-        if self._quiet:
-            return
-        spent, new = time.monotonic() - self._began, done - self._first
-        left = spent / max(new, 1) * (total - done)
-        line = f'{done}/{total} runs, {spent:.0f} s, {left:.0f} s left: {text}'
-        end = '' if self._terminal and done < total else '\n'
-        print(f'\r{line:<78}' if self._terminal else line, end=end, file=sys.stderr, flush=True)
-
 
 Work = Callable[[argparse.Namespace], int]
 Group = TypeVar('Group', bound=Hashable)
@@ -95,7 +60,7 @@ def compute(groups: Mapping[Group, Sequence[Case]],
         options: those of `add_run_options`.
     """
     cases = list(dict.fromkeys(case for group in groups.values() for case in group))
-    results, failures = run_cases(cases, options.out / 'runs', options.workers, RunProgress(options.quiet).show)
+    results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet).show)
     for name, reason in failures.items():
         print(f'{name} failed: {reason}', file=sys.stderr)
     done = {result.key: result for result in results}
