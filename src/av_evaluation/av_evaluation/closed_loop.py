@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -16,41 +15,11 @@ from av_common.freshness import Instant
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.stage import PointingStage
+from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
 STEP_S = 0.005
 START_S, EPOCH_S = 100.0, 1.7e9    # of the simulated steady clock, and of ROS time
 Direction = Callable[[float], float]
-
-
-class LateVehicle:
-    """Turns by commanded yaw rates after a dead time, with a first-order lag.
-
-    Attributes:
-        yaw (rad), rate (rad/s): of the body.
-
-    Parameters:
-        dead_time, lag (s): of the answer; those of PX4 in SITL by default.
-        gain: reached rate relative to the commanded one.
-        fastest (rad/s): largest rate.
-    """
-
-    def __init__(self, dead_time: float = 0.1, lag: float = 0.4, gain: float = 1.0, fastest: float = math.inf) -> None:
-        self.yaw = self.rate = 0.0
-        self._dead_time, self._lag, self._gain, self._fastest = dead_time, lag, gain, fastest
-        self._commands: deque[tuple[float, float]] = deque()
-        self._wanted = 0.0
-
-    def command(self, time: float, rate: float) -> None:
-        """Command a yaw rate (rad/s) at `time` (s)."""
-        self._commands.append((time + self._dead_time, rate))
-
-    def advance(self, time: float, dt: float) -> None:
-        """Move for `dt` s to `time` (s)."""
-        while self._commands and self._commands[0][0] <= time + 1e-9:
-            self._wanted = self._commands.popleft()[1]
-        reached = min(max(self._gain * self._wanted, -self._fastest), self._fastest)
-        before, self.rate = self.rate, reached + (self.rate - reached) * math.exp(-dt / self._lag)
-        self.yaw += 0.5 * dt * (before + self.rate)
 
 
 @dataclass(frozen=True)
@@ -58,7 +27,8 @@ class Conditions:
     """What a loop is closed over.
 
     Parameters:
-        dead_time, lag (s), gain, fastest (rad/s): of the vehicle.
+        dead_time, lag (s), fastest (rad/s): of the vehicle, see `YawResponse`; those of PX4 in SITL by default.
+        gain: reached rate relative to the commanded one.
         bearing_age (s): age of bearings on their arrival.
         age_jitter (s): standard deviation of the ages of bearings and odometry, at most the age; messages keep their order.
         stamped: bearings are stamped with the time of what they show; otherwise with that of their arrival.
@@ -122,7 +92,8 @@ class _Simulation:
     """Vehicle, messages on their way, and the process that gives the commands."""
 
     def __init__(self, stage: PointingStage, conditions: Conditions, target: Direction, measured_until: float) -> None:
-        self.loop, self.vehicle = Loop(), LateVehicle(conditions.dead_time, conditions.lag, conditions.gain, conditions.fastest)
+        response = YawResponse(conditions.fastest, math.inf, conditions.dead_time, conditions.lag)
+        self.loop, self.vehicle = Loop(), YawAxis(response, 0.0, 0.0)
         self._stage, self._conditions, self._target, self._measured_until = stage, conditions, target, measured_until
         self._random = np.random.default_rng(conditions.seed)
         self._on_the_way: list[tuple[float, str, float, float]] = []   # arrival, kind, capture, yaw
@@ -134,7 +105,7 @@ class _Simulation:
     def step(self, time: float) -> None:
         """Simulate STEP_S to `time` (s)."""
         c, loop = self._conditions, self.loop
-        self.vehicle.advance(time, STEP_S)
+        self.vehicle.step(STEP_S, time)
         self._send('odometry', c.odometry_rate, c.odometry_age, time)
         self._send('bearing', c.bearing_rate, c.bearing_age, time)
         if c.stalls and self._random.random() < 2.0 * STEP_S:
@@ -142,10 +113,10 @@ class _Simulation:
         if time >= self._stalled:
             for command in self._commands(time):
                 self._commanded = command.yaw_rate
-                self.vehicle.command(time, self._commanded)
+                self.vehicle.command(c.gain * self._commanded, time)
         loop.time.append(time)
-        loop.yaw.append(self.vehicle.yaw)
-        loop.error.append(float(wrap(self._target(time) - self.vehicle.yaw)))
+        loop.yaw.append(self.vehicle.angle)
+        loop.error.append(float(wrap(self._target(time) - self.vehicle.angle)))
         loop.command.append(self._commanded)
 
     def _send(self, kind: str, rate: float, age: float, time: float) -> None:
@@ -153,7 +124,7 @@ class _Simulation:
             self._due[kind] += 1.0 / rate
             late = max(age + min(self._conditions.age_jitter, age) * self._random.standard_normal(), 0.0)
             self._arrives[kind] = max(time + late, self._arrives.get(kind, 0.0))    # the middleware keeps the order
-            self._on_the_way.append((self._arrives[kind], kind, time, self.vehicle.yaw))
+            self._on_the_way.append((self._arrives[kind], kind, time, self.vehicle.angle))
 
     def _commands(self, time: float) -> list[PointingCommand]:
         """The commands that follow from what has arrived, or from the time."""

@@ -11,10 +11,11 @@ from std_msgs.msg import Float32
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
-from av_evaluation.closed_loop import Conditions, LateVehicle, close_loop
+from av_evaluation.closed_loop import Conditions, close_loop
 from av_pointing.controller import LEAD_S, Command, Mode, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
+from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
 NOISE = math.radians(0.5)
 FULL = {'noise': NOISE, 'age_jitter': 0.01}
@@ -174,22 +175,22 @@ class TestResponse:
     """What is learned of the vehicle."""
 
     @staticmethod
-    def drive(motion, vehicle, seconds=20.0, period=0.02):
+    def drive(motion, dead_time=0.1, lag=0.4, gain=1.0, seconds=20.0, period=0.02):
         """Rates that change each second and half; yaw measured with noise."""
         random, rate = np.random.default_rng(3), 0.0
+        vehicle = YawAxis(YawResponse(math.inf, math.inf, dead_time, lag), 0.0, 0.0)
         for k in range(round(seconds / period)):
             time = 500.0 + k * period
-            vehicle.advance(time, period)
-            motion.measure(time, vehicle.yaw + math.radians(0.1) * random.standard_normal())
+            motion.measure(time, vehicle.step(period, time) + math.radians(0.1) * random.standard_normal())
             if k % 75 == 0:
                 rate = math.radians(random.choice([-40.0, -15.0, 0.0, 10.0, 30.0]))
             motion.command(time, rate)
-            vehicle.command(time, rate)
+            vehicle.command(gain * rate, time)
 
     @pytest.mark.parametrize(('dead_time', 'lag', 'gain'), [(0.1, 0.4, 0.93), (0.0, 0.05, 1.0), (0.3, 0.8, 1.0)])
     def test_dead_time_lag_and_gain_are_found(self, dead_time, lag, gain):
         motion = BodyMotion()
-        self.drive(motion, LateVehicle(dead_time, lag, gain))
+        self.drive(motion, dead_time, lag, gain)
         found = motion.response
         assert found.dead_time + found.lag == pytest.approx(dead_time + lag, abs=0.06)
         assert found.lag == pytest.approx(lag, abs=0.1) and found.gain == pytest.approx(gain, abs=0.06)
@@ -197,7 +198,7 @@ class TestResponse:
 
     def test_a_vehicle_that_a_pilot_holds_teaches_nothing(self):
         motion = BodyMotion()
-        self.drive(motion, LateVehicle(gain=0.0))
+        self.drive(motion, gain=0.0)
         assert motion.following < 0.1
         assert motion.response.lag == pytest.approx(0.4, abs=0.05) and motion.response.uncertainty > 0.1
 

@@ -61,10 +61,6 @@ class SoundWorld:
         """Index of the first sample of the next call of `render`."""
         return self._next
 
-    def time_of(self, sample: int) -> float:
-        """True time (s) at which the sample with an index is taken; sample 0 is at time 0."""
-        return sample / self._clock_rate
-
     def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
         """The next samples (n, m) of all microphones, float32, full scale 1. Raises ValueError for a wrong shape.
 
