@@ -21,6 +21,9 @@ RIG_SIZE, MEASURED_SIZE, TARGET_SIZE = 2, 6, 9
 LOG_TAU = math.log(math.tau)
 LEAST_STEP_S = 0.05  # of a prediction: accelerations move a target by millimetres in less
 LEAST_MODE = 1e-3  # probability of a mode, so that it can return at once
+# Errors of images that rigs do not state (rad^2): their variance at first, as of a mast's tilt and a lens, its standard
+# deviation, and the number of directions from which it is learned, those of five rigs in 6 s.
+UNSTATED, UNSTATED_SPREAD, UNSTATED_SIGHTINGS = math.radians(0.2)**2, math.radians(0.3)**2, 120.0
 
 
 class Innovations(NamedTuple):
@@ -59,6 +62,7 @@ class HypothesisFilter:
     Attributes:
         time (s): for which the states hold, by the reference clock; None before the first prediction.
         rig_mean (2 r,), rig_covariance (2 r, 2 r): what is known of headings and clocks, with which targets begin.
+        unstated (rad^2): variance of the errors of images that rigs do not state, see `learn_errors`.
         mean (n, f, N), covariance (n, f, N, N): the states in each mode.
         modes (n, f): probabilities of the modes.
 
@@ -73,6 +77,7 @@ class HypothesisFilter:
         sigmas = np.array([(rig.heading_sigma, rig.clock_sigma) for rig in rigs]).reshape(-1)
         self.time: float | None = None
         self._offset = len(sigmas)
+        self.unstated, self._unstated_information = UNSTATED, 2.0 / UNSTATED_SPREAD**2
         self.rig_mean: NDArray[np.float64] = np.zeros(self._offset)
         self.rig_covariance: NDArray[np.float64] = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
         size = self._offset + TARGET_SIZE
@@ -235,6 +240,23 @@ class HypothesisFilter:
         half = gain @ (0.5 * used.covariances @ gain.swapaxes(-1, -2) - PH.swapaxes(-1, -2))
         self.covariance[rows] = P + half + half.swapaxes(-1, -2)
         self.modes[rows] = used.modes
+
+    def learn_errors(self, used: Innovations) -> None:
+        """Estimate the errors of images that rigs do not state: of calibrations, of where in a box the target is, of stamps.
+
+        By Fisher's scoring of the likelihood of the innovations, which forgets (Mehra, Approaches to adaptive filtering, IEEE
+        Trans. AC 17(5), 1972; Bar-Shalom, Li and Kirubarajan 2001, section 5.6).
+
+        Parameters:
+            used: of k directions, see `Innovations.pick`; of targets that several rigs observe.
+        """
+        inverse = np.linalg.inv(used.covariances)
+        spread = np.einsum('kf,kfij,kfij->', used.modes, inverse, inverse)
+        score = (np.sum(used.modes[..., None] * np.einsum('kfij,kfj->kfi', inverse, used.residuals) ** 2)
+                 - np.einsum('kf,kfii->', used.modes, inverse))
+        kept = (1.0 - 1.0 / UNSTATED_SIGHTINGS) ** len(inverse)
+        self._unstated_information = kept * self._unstated_information + float(spread)
+        self.unstated = max(self.unstated + float(score) / self._unstated_information, 0.0)
 
     def _given_rigs(self, P: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Dependence (..., 9, 2 r) of targets on headings and clocks, and covariances (..., 9, 9) if those were known."""

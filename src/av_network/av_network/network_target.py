@@ -18,7 +18,7 @@ NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
 SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
 PROVEN_GAIN = 3.0  # of a member that fits while other rigs observe the target, too
-MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon
+MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon; and, as errors last, for and against
 
 
 class Member(NamedTuple):
@@ -104,7 +104,8 @@ class NetworkTarget:
         """
         member = self.members.get(rig)
         before = member.gain if member is not None and member.id == sighting.id else 0.0
-        self.members[rig] = Member(sighting.id, time, min(before + gain, MOST_GAIN), alone)
+        least = -PROVEN_GAIN if (rig, sighting.id) in self.proven else -MOST_GAIN
+        self.members[rig] = Member(sighting.id, time, max(min(before + gain, MOST_GAIN), least), alone)
         self.measured = max(self.measured, time)
         if len(present := self.tracks(time - SUPPORT_S)) > 1:
             self.supported = max(self.supported, time)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_network.claims import WELL_SUPPORTED
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.network_target import NetworkTarget, TargetState
+from av_network.network_target import SUPPORT_S, NetworkTarget, TargetState
 from av_network.settings import NetworkSettings
 
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
@@ -20,13 +20,13 @@ YOUNG_S = 1.0  # the same, of a track that was only just confirmed
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
 
-def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget], places: Sequence[NDArray[np.float64]],
+def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget], places: Mapping[int, NDArray[np.float64]],
                   settings: NetworkSettings, time: float) -> list[TargetState]:
     """All confirmed targets predicted to a time, by id.
 
     Parameters:
         states, hypotheses: of the tracker, in the same order.
-        places: positions (3,) (m) of the rigs.
+        places: positions (3,) (m) of the rigs by index.
         settings: see `NetworkSettings`.
         time (s): by the reference clock.
     """
@@ -38,9 +38,28 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
         mean, P = means[index], covariances[index]
-        positioned = is_credible(target, time) and is_precise(mean, P, places, settings)
+        observing = np.array([places[rig] for rig, member in target.members.items() if time - member.last < SUPPORT_S])
+        P[:3, :3] += lasting_errors(P[:3, :3], mean[:3] - observing.reshape(-1, 3), states.unstated)
+        positioned = is_credible(target, time) and is_precise(mean, P, list(places.values()), settings)
         found.append(TargetState(target, existence, mean[:6], P[:6, :6], rigs, positioned))
     return sorted(found, key=lambda state: state.target.id)
+
+
+def lasting_errors(covariance: NDArray[np.float64], offsets: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
+    """Covariance (3, 3) (m^2) of a position by errors of the rigs' directions that last, which no filter averages.
+
+    One direction of each rig with such an error gives it, as far as what is known otherwise does not bound it.
+
+    Parameters:
+        covariance (3, 3) (m^2): of the position by errors that are independent.
+        offsets (k, 3) (m): from each rig that observes the target; those of a single one tell no position.
+        variance (rad^2): of the errors.
+    """
+    if variance <= 0.0 or len(offsets) < 2:
+        return np.zeros((3, 3))
+    squares = np.einsum('ki,ki->k', offsets, offsets)[:, None, None]
+    across = np.eye(3) - offsets[:, :, None] * offsets[:, None, :] / squares
+    return np.asarray(np.linalg.inv(np.linalg.inv(covariance) + np.sum(across / squares, axis=0) / variance), np.float64)
 
 
 def is_credible(target: NetworkTarget, time: float) -> bool:

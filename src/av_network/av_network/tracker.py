@@ -93,14 +93,16 @@ class NetworkTracker:
         self._places[rig] = report.position
         time = self.filter.corrected_time(rig, report.time)
         self.filter.predict(time)
-        observations = [Observation(rig, report.position, each) for each in report.sightings]
+        unstated = self.filter.unstated * np.eye(2)
+        sightings = [one if one.by_sound else one._replace(covariance=one.covariance + unstated) for one in report.sightings]
+        observations = [Observation(rig, report.position, one) for one in sightings]
         if observations:
             self._use(rig, observations, time)
         self._tidy(time)
 
     def states(self, time: float) -> list[TargetState]:
         """All targets predicted to a time (s), by id; the tracker itself is not moved."""
-        return target_states(self.filter, self.hypotheses, list(self._places.values()), self.settings, time)
+        return target_states(self.filter, self.hypotheses, self._places, self.settings, time)
 
     def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
         """Associate, update, teach, and propose candidates."""
@@ -199,7 +201,12 @@ class NetworkTracker:
         for row, column, (track, density) in zip(rows, columns, alone, strict=True):
             self.hypotheses[row].note(rig, observations[column].sighting, time, float(innovations.squared[row, column]),
                                       float(innovations.log_density[row, column]) - density, track)
-        self.filter.update(rig, rows, innovations.pick(rows, columns), learn)
+        picked = innovations.pick(rows, columns)
+        self.filter.update(rig, rows, picked, learn)
+        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and len(each.tracks(time - SILENT_S)) > 1
+                         for each, one in zip((self.hypotheses[row] for row in rows), used, strict=True)], bool)
+        if np.any(sure):
+            self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
 
     def _teach(self, assigned: dict[int, int], observations: Sequence[Observation], time: float) -> None:
         """Correct headings and clocks, but not by a target that is new, or so imprecise that it is not linear."""

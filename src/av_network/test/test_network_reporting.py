@@ -23,7 +23,7 @@ def positioned(target, sigma=1.0, time=10.5):
     states = HypothesisFilter([RigSettings('a'), RigSettings('b')], SETTINGS)
     states.predict(10.0)
     states.add(np.array([[0.0, 50.0, 20.0, 1.0, 0.0, 0.0]]), np.diag([sigma**2] * 3 + [1.0] * 3)[None])
-    (state,) = target_states(states, [target], [np.zeros(3)], SETTINGS, time)
+    (state,) = target_states(states, [target], dict.fromkeys(range(4), np.zeros(3)), SETTINGS, time)
     assert np.allclose(state.mean[:3], [time - 10.0, 50.0, 20.0], atol=0.05)
     return state.positioned
 

@@ -68,6 +68,33 @@ def figure_of_eight(seed: int, duration: float, speed: float = 9.0) -> Trajector
     return _interpolated(CENTRE + drift + level)
 
 
+def lanes(seed: int, duration: float, speed: float = 6.0) -> Trajectory:
+    """A survey: lanes of 30 m and 8 m apart that climb, with a hover of some seconds at each of their ends.
+
+    Parameters:
+        seed: of height and hovers.
+        duration (s): of the flight.
+        speed (m/s): along the lanes.
+    """
+    random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
+    places, velocity, acceleration = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
+    corners = [CENTRE + np.array([15.0 * (-1.0) ** ((k + 1) // 2), 8.0 * (k // 2 % 5) - 16.0, 0.3 * k + random.normal()])
+               for k in range(100)]
+    place, corner, until = corners[0].copy(), 1, 0.0
+    for k in range(count):
+        offset = corners[corner] - place
+        away = float(np.linalg.norm(offset))
+        if away < 0.3 and float(np.linalg.norm(velocity)) < 0.5:
+            corner, until = corner + 1, k * STEP_S + random.uniform(0.0, 6.0)
+        wanted = offset / max(away, 1e-9) * min(speed, math.sqrt(ACCELERATION * away)) if k * STEP_S > until else np.zeros(3)
+        change = (wanted - velocity) / 0.3
+        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
+        acceleration = acceleration + (change - acceleration) * STEP_S / LAG_S
+        velocity, place = velocity + acceleration * STEP_S, place + velocity * STEP_S
+        places[k] = place
+    return _interpolated(places)
+
+
 def _interpolated(places: NDArray[np.float64]) -> Trajectory:
     times = STEP_S * np.arange(len(places))
 
@@ -77,10 +104,11 @@ def _interpolated(places: NDArray[np.float64]) -> Trajectory:
     return position
 
 
-FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight}
+FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight, 'lanes': lanes}
 
 
-def cameras(seed: int, kind: str, duration: float = 60.0, count: int = 5, presence: float = 0.85) -> NetworkSimulation:
+def cameras(seed: int, kind: str, duration: float = 60.0, count: int = 5, presence: float = 0.85,
+            lasting: float = 0.0, heading: float = 0.0) -> NetworkSimulation:
     """Cameras of different rates and precision around a hard flight, with drop-outs and clocks that are off by some ms.
 
     Parameters:
@@ -89,14 +117,17 @@ def cameras(seed: int, kind: str, duration: float = 60.0, count: int = 5, presen
         duration (s): of the run.
         count: number of cameras.
         presence: share of the time for which each measures the drone.
+        lasting (rad): standard deviation of errors of some seconds that the cameras do not state.
+        heading (rad): standard deviation of the errors of their headings.
     """
     random, rigs = np.random.default_rng(7000 + seed), []
     for index in range(count):
         angle, sigma = math.tau * (index + random.uniform(-0.3, 0.3)) / count, math.radians(random.uniform(0.1, 0.5))
         place = CENTRE[:2] + random.uniform(35.0, 55.0) * np.array([math.cos(angle), math.sin(angle)])
         sensing = SensingModel(float(random.choice([10.0, 15.0, 25.0, 30.0, 60.0])), sight_sigma=(sigma, sigma),
-                               presence=presence, dwell=6.0, seen=1.0)
-        rigs.append(RigModel(f'cam{index + 1}', (float(place[0]), float(place[1]), random.uniform(0.5, 6.0)), 0.0,
+                               presence=presence, dwell=6.0, seen=1.0, lasting=lasting)
+        height, turned = random.uniform(0.5, 6.0), random.normal(0.0, heading) if heading else 0.0
+        rigs.append(RigModel(f'cam{index + 1}', (float(place[0]), float(place[1]), height), turned,
                              random.normal(0.0, 0.01) if index else 0.0, sensing))
     return NetworkSimulation(rigs, [FLIGHTS[kind](seed, duration)], duration, seed)
 

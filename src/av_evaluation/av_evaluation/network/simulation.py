@@ -32,6 +32,8 @@ class SensingModel:
         seen: probability that it is seen, and not only heard, in such a spell.
         clutter_rate (Hz): of false tracks of each rig, which last for 1 s on average.
         sound_speed (m/s): speed of sound.
+        lasting (rad): standard deviation of an error along each axis that is not stated, of a calibration or of a box.
+        lasting_time (s): in which that falls to 1 / e of itself.
     """
 
     rate: float = 10.0
@@ -43,6 +45,8 @@ class SensingModel:
     seen: float = 0.5
     clutter_rate: float = 0.0
     sound_speed: float = 343.2
+    lasting: float = 0.0
+    lasting_time: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ class _Spell:
         sigmas (2,) (rad): of its measurements.
         truth (2,) (rad): azimuth and elevation of its newest measurement, without the error.
         times (s), measured (2,) (rad): of its measurements since the last report.
+        error (2,) (rad), erred (s): the error that lasts, and when.
     """
 
     id: int
@@ -107,6 +112,8 @@ class _Spell:
     truth: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     times: list[float] = field(default_factory=list)
     measured: list[NDArray[np.float64]] = field(default_factory=list)
+    error: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    erred: float = -math.inf
 
 
 @dataclass
@@ -195,13 +202,18 @@ class NetworkSimulation:
         for _ in range(0 if spell.seen else 4):
             emitted = time - float(np.linalg.norm(drone(emitted) - origin)) / self.sensing.sound_speed
         offset = drone(emitted) - origin
-        azimuth = math.atan2(offset[1], offset[0]) - rig.heading_error
+        azimuth, sensing = math.atan2(offset[1], offset[0]) - rig.heading_error, rig.sensing or self.sensing
+        if sensing.lasting:
+            kept = math.exp((spell.erred - time) / sensing.lasting_time)
+            fresh = sensing.lasting * math.sqrt(1.0 - kept**2) * self._random.normal(size=2)
+            spell.error, spell.erred = kept * spell.error + fresh, time
         self._follow(spell, np.array([azimuth, math.atan2(offset[2], math.hypot(offset[0], offset[1]))]), time)
 
     def _follow(self, spell: _Spell, angles: NDArray[np.float64], time: float) -> None:
         spell.truth = angles
         spell.times.append(time)
-        spell.measured.append(sphere.moved(angles, sphere.vectors(spell.sigmas * self._random.normal(size=2), angles)))
+        spell.measured.append(sphere.moved(angles, sphere.vectors(spell.error + spell.sigmas * self._random.normal(size=2),
+                                                                  angles)))
 
     def _send(self, rig: RigModel, time: float, spells: Sequence[_Spell]) -> list[Arrival]:
         link, random = self.link, self._random
