@@ -38,10 +38,10 @@ def multirotor(rng: np.random.Generator) -> Samples:
         rolloff_db=rng.uniform(0.3, 2.5), harmonics=int(rng.integers(10, 60)), imbalance_db=rng.uniform(-35.0, -5.0),
         jitter=10.0 ** rng.uniform(-2.8, -1.6), jitter_hz=rng.uniform(2.0, 30.0),
         broadband_db_spl=72.0 + rng.uniform(-18.0, 8.0),
-        broadband_hz=(rng.uniform(100.0, 1500.0), rng.uniform(3000.0, 12000.0)), modulation=rng.uniform(0.0, 0.8),
-        speed=(manoeuvre := _manoeuvres(rng, rotors)))
+        broadband_hz=(rng.uniform(100.0, 1500.0), rng.uniform(3000.0, 12000.0)), modulation=rng.uniform(0.0, 0.8))
+    manoeuvre = _manoeuvres(rng, rotors)
     rate = OVER * RATE
-    at_rest = signal.stream(rate, [int(rng.integers(2**31))], lambda moments: np.zeros((len(moments), 3)))
+    at_rest = signal.stream(rate, [int(rng.integers(2**31))], lambda moments: np.zeros((len(moments), 3)), manoeuvre)
     wave = at_rest.read(0, int(SECONDS * rate))
     sound = resample_poly(wave, 1, OVER)
     if rng.random() < 0.75:

@@ -26,11 +26,10 @@ from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Bystander, Scenario, Target, load_scenario
-from av_simulator.sound.delays import Position
-from av_simulator.sound.profiles import load_profile
+from av_simulator.sound.source import load_profile
 from av_simulator.sound.source_signals import SourceSignal
 from av_simulator.sound.stream import CHUNK, Stream
-from av_simulator.trajectories import Line, RandomFlight, Static, Trajectory
+from av_simulator.trajectories import Line, Position, RandomFlight, Static, Trajectory
 
 SCENE = 'alarm'  # scenario whose surroundings are used
 DRONES = ('camera_quadrotor', 'cargo_octorotor', 'fixed_wing', 'hexarotor', 'mini_quadrotor', 'racing_quadrotor')

@@ -16,7 +16,7 @@ from av_simulator.trajectories import Static
 from av_simulator.world import World
 
 RATE = 16_000
-SIGNALS = [EngineSignal(), HelicopterSignal(), SirenSignal(), VoiceSignal()]
+SIGNALS = [EngineSignal(), HelicopterSignal(), SirenSignal(), SirenSignal(steps=True), VoiceSignal()]
 
 
 def samples(signal, seconds=4.0, start=0.0):

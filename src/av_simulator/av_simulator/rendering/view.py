@@ -15,6 +15,9 @@ from av_simulator.rendering.atmosphere import Atmosphere
 FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, and 1 is the rig
 ROTOR_RADIUS = 0.15    # relative to the size of the drone
 BODY_SIZE = np.array([0.16, 0.09, 0.06])    # half axes relative to the size of the drone
+HALF_SIZE_PX = 8.0        # width of a target with a score of 0.5 in clear air
+HALF_TRANSMISSION = 0.15  # contrast at which a large target has a score of 0.5
+LEAST = 0.05              # score below which a detector reports nothing
 
 
 @dataclass(frozen=True)
@@ -200,11 +203,6 @@ def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleB
     """
     value = score(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
     return OracleBox(truth.target_id, value, *(truth.box or seen.box)) if value > 0.0 else None
-
-
-HALF_SIZE_PX = 8.0        # width of a target with a score of 0.5 in clear air
-HALF_TRANSMISSION = 0.15  # contrast at which a large target has a score of 0.5
-LEAST = 0.05              # score below which a detector reports nothing
 
 
 def score(size_px: float, transmission: float, visible_fraction: float = 1.0) -> float:

@@ -89,17 +89,19 @@ class HelicopterSignal:
 
 @dataclass(frozen=True)
 class SirenSignal:
-    """A siren or alarm: a tone with harmonics whose pitch swings between two.
+    """A siren or alarm: a tone with harmonics that is swept, or steps between two pitches.
 
     Parameters:
         low_hz, high_hz (Hz): lowest and highest pitch.
-        rate_hz (Hz): swings a second.
+        rate_hz (Hz): sweeps or steps a second.
+        steps: whether the pitch steps.
         level_db_spl (dB SPL): level at 1 m.
     """
 
     low_hz: float = bounded(600.0, above=0.0, high=5000.0)
     high_hz: float = bounded(1400.0, above=0.0, high=5000.0)
     rate_hz: float = bounded(0.4, above=0.0, high=20.0)
+    steps: bool = False
     level_db_spl: float = bounded(100.0, low=-100.0, high=200.0)
 
     def __post_init__(self) -> None:
@@ -113,7 +115,7 @@ class SirenSignal:
 
         def tone(times: NDArray) -> NDArray:
             cycle = (rate * times) % 1.0
-            swing = -np.cos(2.0 * np.pi * cycle) / (2.0 * np.pi * rate)
+            swing = (np.abs(cycle - 0.5) - 0.5) / rate if self.steps else -np.cos(2.0 * np.pi * cycle) / (2.0 * np.pi * rate)
             return _harmonics(middle * times + half * swing, orders, orders ** -1.0, np.zeros(len(orders)))
 
         return _mixed(sample_rate, [*key, 2], tone, self.level_db_spl, 0.0, (200.0, 4000.0))
