@@ -10,6 +10,7 @@ import pytest
 
 from av_evaluation.network import cases, flights
 from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, position_bound, run
+from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel
 from av_network.report import Report, Sighting
 
 
@@ -80,9 +81,15 @@ def test_headings_and_clocks_are_found():
         assert abs(mean[1] - rig.clock_offset) < 4.0 * sigma[1] < 0.05
 
 
+def square_of_rigs(seed):
+    rigs = [RigModel(f'rig{number}', (*place, 1.5)) for number, place in enumerate(cases.SQUARE, 1)]
+    drones = [cases.flight((20.0 * side, 40.0, 20.0), seed + side) for side in (-1, 1)]
+    return NetworkSimulation(rigs, drones, 45.0, seed, link=LinkModel(0.0, 0.0))
+
+
 def attacked(kind, seed):
     """Reports of four rigs, of which the last one is wrong from 10 to 25 s."""
-    simulation, random = cases.square(seed, 4, 2, 45.0), np.random.default_rng(seed)
+    simulation, random = square_of_rigs(seed), np.random.default_rng(seed)
     for time, report in simulation.arrivals():
         sightings = report.sightings
         if report.rig == 'rig4' and 10.0 < time < 25.0:
@@ -98,7 +105,7 @@ def attacked(kind, seed):
 @pytest.mark.parametrize('kind', ['turned', 'forged'])
 def test_a_rig_that_contradicts_all_others_is_left_out_and_let_in_again(kind):
     """Both drones keep their positions: the wrong rig is found out within 8 s, and used again within 8 s of being right."""
-    simulation, waiting, out, found = cases.square(33, 4, 2, 45.0), list(attacked(kind, 33))[::-1], [], []
+    simulation, waiting, out, found = square_of_rigs(33), list(attacked(kind, 33))[::-1], [], []
     peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0)))
     for now in np.arange(0.1, 44.0, 0.1).tolist():
         while waiting and waiting[-1][0] <= now:
