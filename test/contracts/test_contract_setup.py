@@ -87,11 +87,24 @@ def test_sigma_grows_to_what_the_contradiction_supports():
         assert math.degrees(math.sqrt(moment.bearing.azimuth_variance)) > 15.0
 
 
-def test_a_suspected_fault_makes_the_bearing_as_uncertain():
-    """15 deg may as well be two sources: a warning, by which bearings count less."""
-    rig, first = told(Faults(camera_yaw_deg=15.0), 0)
-    assert first is not None and not first[1].is_certain and lies(rig, 0.0, first[0]) > 0.5
-    assert lies(rig, first[0] + 0.2) == 0.0
+@pytest.mark.parametrize(('faults', 'in_world'), [
+    (Faults(camera_yaw_deg=17.0), False), (Faults(camera_yaw_deg=-35.0), False), (Faults(mirrored=True), False),
+    (Faults(yaw_sign=-1), True), (Faults(swapped=True), False)],
+    ids=lambda value: title(value) if isinstance(value, Faults) else '')
+@pytest.mark.parametrize('seed', [0, 3])
+def test_a_bearing_is_doubted_long_before_its_fault_is_named(faults, in_world, seed):
+    """By the second window of sound the description is one of several that are possible."""
+    rig, first = told(faults, seed)
+    assert first is not None
+    assert lies(rig, 0.0, first[0], in_world) * first[0] < 3.0 and lies(rig, first[0] + 0.2, in_world=in_world) == 0.0
+
+
+def test_what_both_sensors_confirm_is_not_doubted():
+    """A set-up that nothing confirmed is uncertain by degrees; once sound and sight agree, by less than the filter itself."""
+    rigs = [turning_rig(Faults(), 4, parameters={'setup_check': check}).run(6.0) for check in ('stop', 'warn')]
+    sigmas = [[math.degrees(math.sqrt(moment.bearing.azimuth_variance)) for moment in rig.following(*when)]
+              for rig in rigs for when in ((0.6, 0.9), (3.0, 6.0))]
+    assert max(sigmas[0]) > 2.5 and sum(sigmas[1]) < 1.1 * sum(sigmas[3])
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -304,9 +304,11 @@ class FusionStage:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
             track, targets = _as_predictions(track, targets, reason)
-        elif fault is not None and self.settings.stop_at_faults and track.state != State.NONE:
-            track = _doubted(track, fault)
-            if fault.is_certain:
+        elif self.consistency is not None and self.settings.stop_at_faults and track.state != State.NONE:
+            belief = self.consistency.belief
+            track = belief.of(track)
+            targets = targets._replace(targets=tuple([one._replace(track=belief.of(one.track)) for one in targets.targets]))
+            if fault is not None and fault.is_certain:
                 track, targets = _contradicted(track, targets, fault)
         if self._observer is not None:
             self._observer.on_track(track, now)
@@ -325,14 +327,6 @@ def _as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track,
                                look=None)
     return predicted, targets._replace(targets=tuple(
         [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
-
-
-def _doubted(track: Track, fault: Fault) -> Track:
-    """An estimate as uncertain as a fault makes it: the variance of the mixture of both descriptions, at most."""
-    apart = fault.probability * fault.apart**2
-    east, cross, _, up = track.covariance_world
-    in_world = math.pi**2 / 3.0 if fault.concerns_world else apart  # of a direction that may be any
-    return track._replace(azimuth_variance=track.azimuth_variance + apart, covariance_world=(east + in_world, cross, cross, up))
 
 
 def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -86,16 +86,18 @@ class Scan(NamedTuple):
 
 
 class MeasurementSimulation:
-    """Draws the measurements of a scenario for a rig that stands still at its initial yaw.
+    """Draws the measurements of a scenario for a level rig.
 
     Parameters:
         scenario: targets and air.
         seed: of all draws.
         model: see `SensorModel`.
+        turn: from time (s) to what the rig's yaw (rad) is beyond its initial one.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, model: SensorModel | None = None) -> None:
-        self._scenario, self._model = scenario, model or SensorModel()
+    def __init__(self, scenario: Scenario, seed: int, model: SensorModel | None = None,
+                 turn: Callable[[float], float] = lambda time: 0.0) -> None:
+        self._scenario, self._model, self._turn = scenario, model or SensorModel(), turn
         self._random = np.random.default_rng(seed)
         count = len(scenario.targets)
         self._birds = [RandomFlight((0.0, 0.0, 8.0), (18.0, 18.0, 3.0), 14.0, 1000 * seed + bird)
@@ -121,12 +123,16 @@ class MeasurementSimulation:
                 image = self._see(float(time))
             yield Scan(float(time), doas, image, vectors)
 
+    def yaw(self, time: float) -> float:
+        """The rig's yaw (rad) at a time (s)."""
+        return math.radians(self._scenario.rig.yaw_deg) + self._turn(time)
+
     def _seen_from_rig(self, time: float, trajectories: Sequence[Trajectory]
                        ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit vectors (n, 3) in the body's frame and distances (n,) in m."""
         rig = self._scenario.rig
         offsets = np.array([trajectory(time)[0] for trajectory in trajectories]) - rig.trajectory(time)[0]
-        yaw = math.radians(rig.yaw_deg)
+        yaw = self.yaw(time)
         turn = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
         distances = np.linalg.norm(offsets, axis=1)
         return offsets @ turn.T / distances[:, np.newaxis], distances

@@ -5,23 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import Field, fields
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from av_common.config_reader import load
-from av_common.rig import load_rig
-from av_evaluation.experiments.offline_run import OfflineRun
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
 from av_evaluation.faults.formula_rig import Source, unit
 from av_fusion.consistency.monitor import ConsistencyMonitor, Fault
-from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.tracker import MultiTargetTracker, TrackerSettings
-from av_pointing.controller import PointingController, PointingSettings
-from av_pointing.settings import with_gimbal
-from av_simulator.config_files import find_config
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_simulator.config_files import find_config, shipped
 from av_simulator.scenario import Scenario
 
 # By the field of `Faults`, words that name it.
@@ -36,8 +32,6 @@ SMALL = (Faults(camera_yaw_deg=6.0), Faults(late=0.08), Faults(delay=0.08), Faul
 TWO = (Faults(swapped=True, camera_yaw_deg=15.0), Faults(swapped=True, yaw_sign=-1),
        Faults(mirrored=True, camera_yaw_deg=-15.0), Faults(camera_yaw_deg=20.0, late=0.3),
        Faults(yaw_sign=-1, camera_yaw_deg=15.0), Faults(delay=-0.3, spacing=1.4))
-SCENARIOS = ('circle', 'fog_woodland', 'gusty', 'tripod', 'behind_in_fog', 'talker', 'two_drones', 'birds_and_drones')
-
 
 class Told(NamedTuple):
     """What was told of a rig.
@@ -114,38 +108,46 @@ def try_fault(faults: Faults, seed: int, seconds: float, array: str = 'pair') ->
     return Told(found, first, certain, before, after)
 
 
-class Noting(ConsistencyMonitor):
-    """A monitor that keeps what it told: by the text when (s) it was first told, and whether it was ever certain."""
-
-    def __init__(self, motion: RigMotion) -> None:
-        super().__init__(motion)
-        self.told: dict[str, tuple[float, bool]] = {}
-
-    def advance(self, now: float) -> Fault | None:
-        """As of the base."""
-        fault = super().advance(now)
-        if fault is not None:
-            text = next((name for name in NAMES.values() if name in fault.text), fault.text)
-            when, certain = self.told.get(text, (now, False))
-            self.told[text] = when, certain or fault.is_certain
-        return fault
+def scenarios(hours: float) -> Iterator[tuple[str, int]]:
+    """Scenarios and seeds of runs that last as long as that together: each scenario in turn."""
+    lengths = {name: load(Scenario, find_config(name, 'scenarios')).duration for name in shipped('scenarios')}
+    left = 3600.0 * hours
+    for seed in count():
+        for name, length in lengths.items():
+            if left <= 0.0:
+                return
+            left -= length
+            yield name, seed
 
 
-def faultless(scenario: str, seed: int) -> tuple[float, list[tuple[str, float, bool]]]:
-    """Simulate a scenario as described: its length (s), and false faults with time (s) and whether they were certain.
+def faultless(scenario: str, seed: int) -> tuple[float, dict[str, bool]]:
+    """Draw a scenario's measurements for a rig as described that turns to and fro, among up to four birds.
+
+    Returns its length (s), and what was told all the same, with whether it was certain.
 
     Parameters:
         scenario: name or file.
-        seed: of its noise.
+        seed: of everything; odd ones have a pair of microphones, even ones four in space.
     """
     content = load(Scenario, find_config(scenario, 'scenarios'))
-    rig = load_rig(find_config(content.rig.description))
-    pointing = PointingController(with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal))
-    run = OfflineRun(content, rig, MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal)), seed, pointing, ())
-    monitor = run.rig.fusion.consistency = Noting(run.rig.tracker.motion)
-    run.run(None)
-    told = [(text, when, certain) for text, (when, certain) in monitor.told.items()]
-    told += [(fault.text, content.duration, fault.is_severe) for fault in run.rig.hearing.faults]
+    r = np.random.default_rng([5, seed])
+    angle, period, birds = r.uniform(0.0, 1.0), r.uniform(5.0, 20.0), int(r.integers(5))
+    drawn = MeasurementSimulation(content, seed, SensorModel(pair=seed % 2 == 1, birds=birds),
+                                  lambda time: angle * math.sin(math.tau * time / period))
+    motion = RigMotion()
+    monitor = ConsistencyMonitor(motion)
+    told: dict[str, bool] = {}
+    for scan in drawn.scans():
+        yaw = drawn.yaw(scan.time)
+        motion.add(Pose.level(scan.time, yaw, (drawn.yaw(scan.time + 1e-3) - yaw) / 1e-3))
+        if scan.doas:
+            monitor.add_doas(scan.doas)
+        if scan.image is not None:
+            monitor.add_camera(scan.image)
+        fault = monitor.advance(scan.time)
+        if fault is not None:
+            text = next(name for name in NAMES.values() if name in fault.text)
+            told[text] = fault.is_certain or told.get(text, False)
     return content.duration, told
 
 

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.track import Track
 from av_fusion.consistency.setup_model import (
+    ALONE,
     CAMERA_LATE,
     CAMERA_YAW,
     DELAY,
@@ -26,6 +28,7 @@ from av_fusion.consistency.setup_model import (
     SightEvent,
     SoundEvent,
 )
+from av_fusion.disambiguation.ambiguity import RELEASE
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction, turned_back
@@ -62,42 +65,44 @@ SIGNS = {
                        'odometry in ENU: counter-clockwise is positive (REP-103)')}
 PARAMETERS = {
     CAMERA_YAW: Part('the camera is turned by {value:+.0f} deg against its description, or the microphones by the opposite',
-                     'mount: rpy_deg of camera or array in the rig', sigma=math.radians(20.0), shown=math.degrees),
+                     'mount: rpy_deg of camera or array in the rig', 0.05, math.radians(20.0), math.degrees),
     CAMERA_LATE: Part('images are stamped {value:+.2f} s late', 'sight_delay of fusion_node', sigma=0.3),
     DELAY: Part('one channel is late: directions are off by {value:+.2f} in the cosine', 'the delay between the channels',
-                0.003, 0.4, for_pair=True),
+                0.015, 0.4, for_pair=True),
     SPACING: Part('the microphones are {value:.2f} times as far apart as described', 'positions in the file of the array',
                   sigma=0.4, shown=math.exp, for_pair=True, is_mild=True),
     FOCAL: Part('the focal length is {value:.2f} times that described', 'horizontal_fov_deg or calibration_file of the camera',
                 sigma=0.3, shown=lambda value: math.exp(-value), is_mild=True)}
-# Priors are those of a rig that somebody has just put together. Sound and sight of two different drones, each unheard or unseen
-# by the other sensor, are little more frequent; two signs at once less so. Hypotheses of several parameters are too flexible:
-# among many sources one of them explains everything (`faults --faultless birds_and_drones`).
-DESCRIBED, OTHERS, TWO = 0.9, 0.02, 0.001
+# Priors are those of a rig that somebody has just put together; two wrong signs are independent of each other. Hypotheses of
+# several parameters are too flexible: among many sources one of them explains everything.
+DESCRIBED, TWO = 0.875, 1e-4
 
 
 def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
-    """What may be wrong: nothing, that both sensors have one source, one thing, or two signs.
+    """What may be wrong: nothing, which is the first, one thing, or two signs.
 
     Parameters:
         is_pair: whether the array is linear.
     """
     signs = [sign for sign, part in SIGNS.items() if is_pair or not part.for_pair]
     sigmas = {index: part.sigma for index, part in PARAMETERS.items() if is_pair or not part.for_pair}
-    return (Hypothesis(DESCRIBED), Hypothesis(OTHERS, other=1), Hypothesis(OTHERS, other=2),
+    return (Hypothesis(DESCRIBED),
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
             *(Hypothesis(TWO, both) for both in combinations(signs, 2)))
 
 
-SUSPECTED, NAMED = 0.99, 0.999  # probabilities of a fault for a warning, and for an error on which nothing moves (Wald 1945)
-LEAST_NAMED = 0.05  # probability of a second fault that explains the measurements as well, and is named beside the first
-LAG_S = 1.2  # measurements wait for those of before, and for the heading around their time
+# A description that holds is suspected, or called wrong, with these probabilities in each EVIDENCE_S: the likelihood ratio of
+# the faults, by their priors, ever exceeds 1/a with probability a at most, however long one waits (Ville 1939, Wald 1945).
+SUSPECTED, NAMED = 1e-3, 1e-4
+LEAST_NAMED = 0.05  # share of a second fault that explains the measurements as well, and is named beside the first
+LAG_S = 0.6  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
 EVIDENCE_S = 120.0  # time of observation in which evidence fades to 1/e
 SIGHT_SIGMA, SOUND_SIGMA = math.radians(0.5), math.radians(1.5)  # beyond the reported errors
 LEAST_SCORE = 0.5  # of a sighting, and of a sound's probability to be a drone
+MOST_HEARD = 2  # directions of a window that is evidence: of the target, and of one other source or reflection
 MOST_WAITING = 400
 
 
@@ -109,19 +114,36 @@ class Fault(NamedTuple):
         mend: where it is mended.
         probability: that the description is wrong.
         is_certain: nothing should move by the bearing.
-        apart (rad): how far bearings are off.
-        concerns_world: only the direction in the world is wrong by it.
     """
 
     text: str
     mend: str
     probability: float
     is_certain: bool
-    apart: float = 0.0
-    concerns_world: bool = False
 
     def __str__(self) -> str:
         return f'{self.text} (probability {min(self.probability, 0.9999):.4f}): {self.mend}'
+
+
+class Belief(NamedTuple):
+    """What is published of a target: the mixture of the hypotheses by their probabilities (Hoeting et al. 1999).
+
+    Parameters:
+        flipped: probability that the rig turns, or hears, the other way round: front and back are exchanged by sound.
+        in_body, in_world (rad^2): mean square by which a bearing is off.
+    """
+
+    flipped: float = 0.0
+    in_body: float = 0.0
+    in_world: float = 0.0
+
+    def of(self, track: Track) -> Track:
+        """A track with the uncertainty of the set-up."""
+        front = track.front_probability + self.flipped * (1.0 - 2.0 * track.front_probability)
+        east, cross, _, up = track.covariance_world
+        return track._replace(
+            azimuth_variance=track.azimuth_variance + self.in_body, covariance_world=(east + self.in_world, cross, cross, up),
+            front_probability=front, resolved=track.resolved and self.flipped <= 1.0 - RELEASE)
 
 
 class ConsistencyMonitor:
@@ -132,6 +154,7 @@ class ConsistencyMonitor:
 
     Attributes:
         fault: what is known to be wrong, None without; it stays until the description fits again.
+        belief: what is published.
 
     Parameters:
         motion: attitude of the rig.
@@ -143,30 +166,36 @@ class ConsistencyMonitor:
         self._waiting: list[tuple[float, int, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
         self._numbers = count()  # of measurements: those of one time stay in their order
         self._bank: FilterBank | None = None
-        self._time = self._seen = self._heard = -math.inf
+        self._time = self._seen = self._heard = self._several = -math.inf
         self.fault: Fault | None = None
+        self.belief = Belief()
+        self._sights = False  # whether anything was seen
         self._jumps = self._motion.jumps
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Take the directions of one window, those that may be a drone's."""
         usable = tuple(m for m in map(usable_doa, measurements) if m is not None and not m.drone_probability < LEAST_SCORE)
         if usable:
+            if self._bank is None:
+                self._begin(usable[0].cone is not None)
             self._add(usable[0].time - self._sound_delay, usable)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Take an image in which something is seen."""
         usable = usable_camera(measurement)
         if usable is not None and usable.best is not None and usable.best.score >= LEAST_SCORE:
+            self._sights = True
             self._add(usable.time - self._sight_delay, usable)
 
     def _add(self, time: float, measurement: CameraMeasurement | tuple[DoaMeasurement, ...]) -> None:
-        if len(self._waiting) < MOST_WAITING:
-            heappush(self._waiting, (time, next(self._numbers), measurement))
+        heappush(self._waiting, (time, next(self._numbers), measurement))
+        if len(self._waiting) > MOST_WAITING:
+            heappop(self._waiting)
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
         if now < self._time - GAP_S:  # the clock was set back: the set-up is the same
-            self._time = self._seen = self._heard = -math.inf
+            self._time = self._seen = self._heard = self._several = -math.inf
             self._waiting.clear()
             if self._bank is not None:
                 self._bank.turn_world()
@@ -174,52 +203,65 @@ class ConsistencyMonitor:
             self._jumps, self._seen = self._motion.jumps, -math.inf
             if self._bank is not None:
                 self._bank.turn_world()
-        used = False
+        bank, used = self._bank, False
+        if bank is None:
+            return None
         while self._waiting and self._waiting[0][0] <= now - LAG_S:
             time, _, measurement = heappop(self._waiting)
             used = True
             if time >= self._time and self._motion.is_known(time):
                 if isinstance(measurement, CameraMeasurement):
-                    self._see(time, measurement)
+                    self._see(bank, time, measurement)
                 else:
-                    self._hear(time, measurement)
-        if used and self._bank is not None:
-            self._decide(self._bank)
+                    self._hear(bank, time, measurement)
+        if used:
+            self._decide(bank)
         return self.fault
 
-    def _see(self, time: float, measurement: CameraMeasurement) -> None:
-        best = measurement.best
-        if best is None or time < self._seen + SIGHT_PERIOD_S:
+    def _begin(self, is_pair: bool) -> None:
+        bank = self._bank = FilterBank(hypotheses(is_pair))
+        self._odds = sum(one.prior for one in bank.hypotheses[1:]) / bank.hypotheses[0].prior
+        self._flips = np.array([is_pair and len({SWAPPED, REVERSED_YAW}.intersection(h.signs)) == 1
+                                for h in bank.hypotheses])
+        self._decide(bank)
+
+    def _see(self, bank: FilterBank, time: float, measurement: CameraMeasurement) -> None:
+        if time < self._seen + SIGHT_PERIOD_S:
             return
-        if self._bank is not None:
-            if time > self._seen + GAP_S:
-                self._bank.forget_target()
-            self._pass(self._bank, time)
-            ray = turned_back(measurement.view, direction(best.azimuth, best.elevation))
-            yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
-            self._bank.see(SightEvent(np.array(ray), np.array(measurement.view), self._level(time), yaws,
-                                      best.across_variance + SIGHT_SIGMA**2, measurement.half_view))
+        if time > self._seen + GAP_S:
+            bank.forget_target()
+        self._pass(bank, time)
+        found = sorted((one for one in measurement.detections if one.score >= LEAST_SCORE), key=lambda one: -one.score)
+        if len(found) > 1:
+            self._several = time
+        rays = np.array([turned_back(measurement.view, direction(one.azimuth, one.elevation)) for one in found])
+        yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
+        bank.see(SightEvent(rays, np.array(measurement.view), self._level(time), yaws,
+                            found[0].across_variance + SIGHT_SIGMA**2, measurement.half_view), self._is_alone(time))
         self._seen = time
 
-    def _hear(self, time: float, window: tuple[DoaMeasurement, ...]) -> None:
+    def _hear(self, bank: FilterBank, time: float, window: tuple[DoaMeasurement, ...]) -> None:
         first, cone = window[0], window[0].cone
-        if self._bank is None:
-            self._bank = FilterBank(hypotheses(cone is not None))
-        if time < self._heard + first.window or abs(time - self._seen) > SIMULTANEOUS_S:  # windows that overlap are repetitions
+        if time < self._heard + first.window:  # windows that overlap are repetitions
             return
-        self._pass(self._bank, time)
+        self._pass(bank, time)
         self._heard = time
+        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and self._is_alone(time) and len(window) <= MOST_HEARD
         pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
         images = np.array([h.azimuth for h in first.hypotheses])
         if cone is not None:
             cosines = np.array([m.cone.cosine for m in window if m.cone is not None])
             variance = cone.variance + SOUND_SIGMA**2 * cone.slope_squared
-            self._bank.hear(SoundEvent(np.array(cone.axis), cosines, variance, images, *pose))
+            bank.hear(SoundEvent(np.array(cone.axis), cosines, variance, images, *pose), is_seen)
             return
         across = first.hypotheses[0].across_variance + SOUND_SIGMA**2
         heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
         for axis in np.eye(3)[:2]:
-            self._bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose))
+            bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose), is_seen)
+
+    def _is_alone(self, time: float) -> bool:
+        """Whether one thing is seen: of several it is not known which is the other sensor's."""
+        return time > self._several + GAP_S
 
     def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0
@@ -235,23 +277,27 @@ class ConsistencyMonitor:
 
     def _decide(self, bank: FilterBank) -> None:
         posterior = bank.posterior()
-        faults = sorted((k for k, h in enumerate(bank.hypotheses) if h.is_fault), key=lambda k: -posterior[k])
-        wrong = float(sum(posterior[k] for k in faults))
-        if wrong >= SUSPECTED:
-            named = [k for k in faults if k == faults[0] or posterior[k] > LEAST_NAMED]
-            self.fault = self._fault_of(bank, named, wrong)
-        elif wrong < 1.0 - SUSPECTED:
+        faults = np.argsort(-posterior[1:]) + 1
+        wrong = float(posterior[1:].sum())
+        chance = self._odds * float(posterior[0]) / wrong  # bound of the probability of such a ratio, where nothing is wrong
+        if chance < SUSPECTED:
+            best = bank.hypotheses[faults[0]].signs
+            # With all three signs wrong the rig is its mirror image: the others than these explain about the same.
+            twin = frozenset(SIGNS).difference(best) if best else None
+            named = [k for k in faults if k == faults[0] or posterior[k] > LEAST_NAMED * wrong
+                     or twin == frozenset(bank.hypotheses[k].signs)]
+            self.fault = self._fault_of(bank, named, wrong, chance < NAMED)
+        elif chance > 1.0:
             self.fault = None
+        in_body, in_world = bank.apart @ posterior
+        self.belief = Belief(float(posterior @ self._flips), float(in_body), float(in_world)) if self._sights else Belief()
 
-    def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float) -> Fault:
+    def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""
-        best = bank.hypotheses[named[0]]
-        parts = _parts(best)
-        certain = not all(part.is_mild for part in parts) and (
-            probability >= NAMED or (self.fault is not None and self.fault.is_certain))
+        parts = _parts(bank.hypotheses[named[0]])
+        certain = not all(part.is_mild for part in parts) and (is_sure or (self.fault is not None and self.fault.is_certain))
         texts = dict.fromkeys(_text(bank, number) for number in named)
-        return Fault('; or '.join(texts), '; '.join(part.mend for part in parts), probability, certain, bank.apart(named[0]),
-                     REVERSED_YAW in best.signs)
+        return Fault('; or '.join(texts), '; '.join(part.mend for part in parts), probability, certain)
 
 
 def _parts(hypothesis: Hypothesis) -> list[Part]:
@@ -262,5 +308,5 @@ def _parts(hypothesis: Hypothesis) -> list[Part]:
 def _text(bank: FilterBank, number: int) -> str:
     """What a hypothesis says, with the value of its parameter."""
     hypothesis = bank.hypotheses[number]
-    values = {index: PARAMETERS[index].shown(float(bank.mean[number, index])) for index in hypothesis.sigmas}
+    values = {index: PARAMETERS[index].shown(float(bank.mean[ALONE + number, index])) for index in hypothesis.sigmas}
     return ', and '.join(part.text.format(value=next(iter(values.values()), 0.0)) for part in _parts(hypothesis))
