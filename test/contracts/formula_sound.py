@@ -60,6 +60,23 @@ def comb(rng: Generator, count: int) -> NDArray:
     return sound / np.std(sound)
 
 
+def wing_beat(rng: Generator, count: int) -> NDArray:
+    """An insect: harmonics of 230 Hz that wander by 2 %."""
+    time = np.arange(count) / RATE
+    phase = 2.0 * np.pi * (230.0 * time + 2.3 * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
+    sound = sum(k**-1.0 * np.cos(k * phase + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 16))
+    return sound / np.std(sound)
+
+
+def propeller(rng: Generator, count: int) -> NDArray:
+    """One propeller of two blades, 105 turns/s within 0.1 %: harmonics, each 3 dB weaker, and noise of the blades."""
+    time = np.arange(count) / RATE
+    turns = 105.0 * time + 0.05 * np.sin(2.0 * time + rng.uniform(0.0, 6.0))
+    tone = sum(10.0 ** (-0.15 * k) * np.cos(4.0 * np.pi * k * turns + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 16))
+    air = band_noise(rng, count, 0.5, (400.0, 7000.0)) * (1.0 + 0.5 * np.cos(4.0 * np.pi * turns))
+    return tone / np.std(tone) + 0.4 * air / np.std(air)
+
+
 def siren(rng: Generator, count: int) -> NDArray:
     """A tone with overtones between 600 and 1300 Hz, every 2 s."""
     time = np.arange(count) / RATE

@@ -21,9 +21,11 @@ from formula_sound import (
     heard,
     hearing,
     listen,
+    propeller,
     rotors,
     siren,
     strongest,
+    wing_beat,
     with_noise,
 )
 from real_recordings import CLIPS, needs_data
@@ -181,10 +183,15 @@ def followed(voice, ratio_db=10.0, seeds=1, seconds=5):
     return float(np.mean(shares))
 
 
-@pytest.mark.parametrize('voice', [comb, siren, white, brown])
+@pytest.mark.parametrize('voice', [comb, wing_beat, siren, white, brown])
 def test_what_is_no_drone_is_not_followed(contract, voice):
     """A source with a direction, and nothing of a drone: below 5 % of the time."""
     contract(at_most(f'{voice.__name__}: followed', followed(voice), 0.05))
+
+
+def test_one_steady_propeller_is_followed(contract):
+    """An aeroplane: one comb as of an engine, but without half orders, steady, and with noise of the blades."""
+    contract(at_least('followed', followed(propeller), 0.9))
 
 
 def recording(name):

@@ -13,53 +13,39 @@ from av_common.files import MEGABYTE, check_file
 
 MOST_BYTES = 10 * MEGABYTE
 LARGEST_FEATURE = 6.0  # of a standardised feature, in standard deviations
-BESIDE = 'beside_'  # before the names of the arrays of the model beside, in a file
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 
 class DroneModel:
-    """A multilayer perceptron with rectified units, whose output is calibrated; several such models may share the alternatives.
+    """A multilayer perceptron with rectified units, whose output is calibrated.
 
     Parameters:
         layers: weights (n, m) and biases (m,) of each layer; the last has one output.
         mean (n,), scale (n,): of the features in training, by which they are standardised.
         slope, offset: calibration of the output, a logit (Platt, 1999).
-        beside: a model that tells drones from other kinds of sounds than this one does; None without.
     """
 
     def __init__(self, layers: list[tuple[NDArray, NDArray]], mean: NDArray, scale: NDArray,
-                 slope: float = 1.0, offset: float = 0.0, beside: DroneModel | None = None) -> None:
+                 slope: float = 1.0, offset: float = 0.0) -> None:
         self._layers, self._mean, self._scale, self._slope, self._offset = layers, mean, scale, slope, offset
-        self._beside = beside
 
     def log_odds(self, features: NDArray) -> NDArray:
-        """Logarithm of the likelihood ratio (...,) of drones and all else for features (..., n).
-
-        All else is a mixture, in equal parts, of what each model knows: its likelihood over that of drones is their mean.
-        """
+        """Logarithm of the likelihood ratio (...,) of drones and all else for features (..., n)."""
         values = np.clip((features - self._mean) / self._scale, -LARGEST_FEATURE, LARGEST_FEATURE)
         for number, (weights, biases) in enumerate(self._layers):
             values = (values if number == 0 else np.maximum(values, 0.0)) @ weights + biases
-        own = self._slope * values[..., 0] + self._offset
-        if self._beside is not None:
-            own = np.log(2.0) - np.logaddexp(-own, -self._beside.log_odds(features))
-        return np.clip(own, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)
+        return np.clip(self._slope * values[..., 0] + self._offset, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)
 
-    def calibrated(self, slope: float, offset: float, beside: DroneModel | None = None) -> DroneModel:
-        """The same model with another calibration, beside another model."""
-        return DroneModel(self._layers, self._mean, self._scale, slope, offset, beside)
+    def calibrated(self, slope: float, offset: float) -> DroneModel:
+        """The same model with another calibration."""
+        return DroneModel(self._layers, self._mean, self._scale, slope, offset)
 
     def save(self, path: str | Path) -> None:
         """Write a file that `load` reads."""
-        np.savez_compressed(path, allow_pickle=False, **self._arrays())
-
-    def _arrays(self) -> dict[str, NDArray]:
         arrays = {'mean': self._mean, 'scale': self._scale, 'calibration': np.array([self._slope, self._offset])}
         for number, (weights, biases) in enumerate(self._layers):
             arrays |= {f'weights_{number}': weights, f'biases_{number}': biases}
-        if self._beside is not None:
-            arrays |= {f'{BESIDE}{name}': array for name, array in self._beside._arrays().items()}
-        return {name: array.astype(np.float32) for name, array in arrays.items()}
+        np.savez_compressed(path, allow_pickle=False, **{name: array.astype(np.float32) for name, array in arrays.items()})
 
     @classmethod
     def load(cls, path: str | Path) -> DroneModel:
@@ -72,11 +58,10 @@ class DroneModel:
 
     @classmethod
     def _of(cls, arrays: dict[str, NDArray]) -> DroneModel:
-        beside = {name.removeprefix(BESIDE): array for name, array in arrays.items() if name.startswith(BESIDE)}
         layers = [(arrays[f'weights_{number}'], arrays[f'biases_{number}'])
                   for number in range(sum(name.startswith('weights_') for name in arrays))]
         features = len(layers[0][0]) if layers else 0
         if features != DroneFeatures.COUNT:
             raise ValueError(f'a model of {features} features, expected {DroneFeatures.COUNT}')
         slope, offset = arrays['calibration'].tolist()
-        return cls(layers, arrays['mean'], arrays['scale'], slope, offset, cls._of(beside) if beside else None)
+        return cls(layers, arrays['mean'], arrays['scale'], slope, offset)

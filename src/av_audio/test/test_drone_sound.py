@@ -117,17 +117,6 @@ def test_the_model_is_a_perceptron_with_calibration(tmp_path):
     np.testing.assert_allclose(DroneModel.load(tmp_path / 'model.npz').log_odds(values), expected, rtol=1e-5)
 
 
-def test_what_one_of_two_models_knows_is_no_drone(tmp_path):
-    """The alternatives are those of both: the likelihood ratio is the harmonic mean."""
-    n, weights = DroneFeatures.COUNT, np.zeros((DroneFeatures.COUNT, 1), 'f')
-    models = [DroneModel([(weights, np.array([odds], 'f'))], np.zeros(n), np.ones(n)) for odds in (3.0, -4.0)]
-    both = models[0].calibrated(1.0, 0.0, models[1])
-    both.save(tmp_path / 'both.npz')
-    expected = np.log(2.0 / (np.exp(-3.0) + np.exp(4.0)))
-    for model in (both, DroneModel.load(tmp_path / 'both.npz')):
-        assert model.log_odds(np.zeros(n)) == pytest.approx(expected, rel=1e-5)
-
-
 def test_files_that_are_no_model_are_named(tmp_path):
     (tmp_path / 'text.npz').write_text('no model')
     np.savez(tmp_path / 'other.npz', weights_0=np.zeros((3, 1)), biases_0=np.zeros(1), mean=np.zeros(3), scale=np.ones(3),
