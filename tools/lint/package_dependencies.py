@@ -25,7 +25,7 @@ KEYS = {
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'audio_common_msgs', 'distributed', 'foxglove', 'google', 'lz4', 'onnx',
             'pyroomacoustics', 'px4_msgs', 'pytak', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools',
-            'websockets'}
+            'websockets', 'zenoh'}
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
@@ -68,18 +69,35 @@ class RigCalibration:
 
     Parameters:
         rigs: what is known of each.
+        slots: of each, see `HypothesisFilter`.
         settings: see `NetworkSettings`.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings) -> None:
+    def __init__(self, rigs: Sequence[RigSettings], slots: Sequence[int], settings: NetworkSettings) -> None:
         self._settings = settings
-        sigmas = np.array([(rig.heading_sigma, rig.clock_sigma) for rig in rigs]).reshape(-1)
-        self.mean: NDArray[np.float64] = np.zeros(len(sigmas))
-        self.covariance: NDArray[np.float64] = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
-        self._drift = np.tile(np.array([settings.heading_drift, settings.clock_drift]) ** 2, len(rigs)) * (sigmas > 0.0)
-        self._position_sigmas = [rig.position_sigma for rig in rigs]
+        self.mean, self.covariance, self._drift = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+        self._position_sigmas: list[float] = []
+        self._slots: list[int] = []
+        for rig, slot in zip(rigs, slots, strict=True):
+            self.join(rig, slot)
         self._segments: dict[int, _Segment] = {}
         self._time: float | None = None
+
+    def join(self, rig: RigSettings, slot: int) -> None:
+        """Take part in what follows.
+
+        Parameters:
+            rig: what is known of it.
+            slot: see `HypothesisFilter`.
+        """
+        self._position_sigmas.append(rig.position_sigma)
+        self._slots.append(slot)
+        if RIG_SIZE * slot == len(self.mean):
+            sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
+            drifts = (self._settings.heading_drift, self._settings.clock_drift)
+            self.mean = np.append(self.mean, np.zeros(RIG_SIZE))
+            self.covariance = block_diag(self.covariance, np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2))
+            self._drift = np.append(self._drift, np.square(drifts) * (sigmas > 0.0))
 
     def note(self, target: int, observation: Observation, state: NDArray[np.float64], time: float) -> bool:
         """Note an observation of a target; returns whether headings and clocks have changed.
@@ -113,9 +131,9 @@ class RigCalibration:
 
     def _learn(self, segment: _Segment) -> None:
         clocks = self.mean[1::RIG_SIZE]
-        order = np.argsort([one.time + clocks[one.rig] for one in segment.observations], kind='stable')
+        order = np.argsort([one.time + clocks[self._slots[one.rig]] for one in segment.observations], kind='stable')
         observations = [segment.observations[k] for k in order]
-        times = np.array([one.time + clocks[one.rig] for one in observations])
+        times = np.array([one.time + clocks[self._slots[one.rig]] for one in observations])
         track = np.array([segment.states[k] for k in order])
         step = np.zeros(len(self.mean))
         prior = np.linalg.inv(self.covariance)
@@ -131,7 +149,8 @@ class RigCalibration:
     def _linearise(self, observations: Sequence[Observation], times: NDArray[np.float64], track: NDArray[np.float64],
                    theta: NDArray[np.float64], step: NDArray[np.float64]) -> _Linear:
         """The observations about a track and headings and clocks `theta`, which are `step` from those at the beginning."""
-        rigs = np.array([one.rig for one in observations])
+        place = np.array([self._position_sigmas[one.rig] for one in observations])
+        rigs = np.array([self._slots[one.rig] for one in observations])
         headings, clocks = theta[RIG_SIZE * rigs], theta[RIG_SIZE * rigs + 1]
         speed = np.array([self._settings.sound_speed if one.sighting.by_sound else math.inf for one in observations])
         ahead = np.array([one.time for one in observations]) + clocks - times
@@ -146,7 +165,7 @@ class RigCalibration:
         rows = np.arange(len(rigs))
         T[rows, 0, RIG_SIZE * rigs] = -level
         T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + 1] = expected.by_time
-        place = (np.array(self._position_sigmas)[rigs] / expected.distance) ** 2
+        place = (place / expected.distance) ** 2
         R = np.array([one.covariance for one in observations]) + place[:, None, None] * np.eye(2)
         R[np.einsum('ki,ki->k', residuals, np.linalg.solve(R, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
         return _Linear(residuals + np.einsum('kij,kj->ki', H, track) + T @ step, H, T, R)

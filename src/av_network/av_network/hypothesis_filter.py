@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
@@ -55,13 +56,14 @@ class HypothesisFilter:
 
     Interacting multiple models: each of f modes of flight has a Gaussian of its own.
 
-    The state of each is (heading, clock) of each of r rigs, then (position, velocity, acceleration) of the target:
-    N = 2 r + 9. A heading correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and
-    clocks, targets are independent of each other, so no covariance between them is kept.
+    The state of each is (heading, clock) of each of r rigs, those with exact ones counting as one, then (position, velocity,
+    acceleration) of the target: N = 2 r + 9. A heading correction is added to the azimuths of its rig, a clock offset to its
+    stamps. Given headings and clocks, targets are independent of each other, so no covariance between them is kept.
 
     Attributes:
         time (s): for which the states hold, by the reference clock; None before the first prediction.
         rig_mean (2 r,), rig_covariance (2 r, 2 r): what is known of headings and clocks, with which targets begin.
+        slots: place of each rig in these.
         unstated (rad^2): variance of the errors of images that rigs do not state, see `learn_errors`.
         mean (n, f, N), covariance (n, f, N, N): the states in each mode.
         modes (n, f): probabilities of the modes.
@@ -73,19 +75,38 @@ class HypothesisFilter:
 
     def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings) -> None:
         self._settings = settings
-        self._position_sigmas = [rig.position_sigma for rig in rigs]
-        sigmas = np.array([(rig.heading_sigma, rig.clock_sigma) for rig in rigs]).reshape(-1)
-        self.time: float | None = None
-        self._offset = len(sigmas)
+        self._position_sigmas: list[float] = []
+        self.slots: list[int] = []
         self.unstated, self._unstated_information = UNSTATED, 2.0 / UNSTATED_SPREAD**2
-        self.rig_mean: NDArray[np.float64] = np.zeros(self._offset)
-        self.rig_covariance: NDArray[np.float64] = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
-        size = self._offset + TARGET_SIZE
-        flights = len(settings.modes)
-        self.mean, self.covariance = np.zeros((0, flights, size)), np.zeros((0, flights, size, size))
+        self.time: float | None = None
+        self._offset, flights = 0, len(settings.modes)
+        self.rig_mean, self.rig_covariance, self._drift = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+        self.mean, self.covariance = np.zeros((0, flights, TARGET_SIZE)), np.zeros((0, flights, TARGET_SIZE, TARGET_SIZE))
         self.modes = np.zeros((0, flights))
-        drifts = np.array([settings.heading_drift, settings.clock_drift]) ** 2
-        self._drift = np.tile(drifts, len(rigs)) * (sigmas > 0.0)
+        self._exact: int | None = None
+        for rig in rigs:
+            self.join(rig)
+
+    def join(self, rig: RigSettings) -> int:
+        """Take part in what follows; returns the rig's slot. Rigs with an exact heading and clock share one."""
+        self._position_sigmas.append(rig.position_sigma)
+        sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
+        exact, n, new = not np.any(sigmas), self._offset, slice(self._offset, self._offset + RIG_SIZE)
+        if exact and self._exact is not None:
+            self.slots.append(self._exact)
+            return self._exact
+        self.slots.append(n // RIG_SIZE)
+        self._exact = self.slots[-1] if exact else self._exact
+        added = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
+        self.rig_mean = np.append(self.rig_mean, np.zeros(RIG_SIZE))
+        self.rig_covariance = block_diag(self.rig_covariance, added)
+        drifts = np.array([self._settings.heading_drift, self._settings.clock_drift]) ** 2
+        self._drift = np.append(self._drift, drifts * (sigmas > 0.0))
+        self.mean = np.insert(self.mean, [n] * RIG_SIZE, 0.0, axis=2)
+        self.covariance = np.insert(np.insert(self.covariance, [n] * RIG_SIZE, 0.0, axis=2), [n] * RIG_SIZE, 0.0, axis=3)
+        self.covariance[..., new, new] = added
+        self._offset += RIG_SIZE
+        return self.slots[-1]
 
     @property
     def count(self) -> int:
@@ -94,8 +115,13 @@ class HypothesisFilter:
 
     def rig_state(self, rig: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean (2,) and standard deviations (2,) of heading correction (rad) and clock offset (s) of a rig."""
-        part = slice(RIG_SIZE * rig, RIG_SIZE * (rig + 1))
+        part = slice(RIG_SIZE * self.slots[rig], RIG_SIZE * (self.slots[rig] + 1))
         return self.rig_mean[part].copy(), np.sqrt(np.diag(self.rig_covariance)[part])
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether all headings and clocks are exact."""
+        return set(self.slots) <= {self._exact}
 
     def corrected_time(self, rig: int, time: float) -> float:
         """A rig's stamp by the reference clock (s).
@@ -104,7 +130,7 @@ class HypothesisFilter:
             rig: index of the rig.
             time (s): its stamp.
         """
-        return time + float(self.rig_mean[RIG_SIZE * rig + CLOCK])
+        return time + float(self.rig_mean[RIG_SIZE * self.slots[rig] + CLOCK])
 
     def targets(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Means (n, 9) and covariances (n, 9, 9) of position, velocity and acceleration."""
@@ -267,7 +293,8 @@ class HypothesisFilter:
     def _columns(self, rig: int) -> NDArray[np.intp]:
         """Indices (8,) of a rig's part of the state and of that of the target."""
         n = self._offset
-        return np.concatenate([np.arange(RIG_SIZE * rig, RIG_SIZE * (rig + 1)), np.arange(n, n + MEASURED_SIZE)])
+        begin = RIG_SIZE * self.slots[rig]
+        return np.concatenate([np.arange(begin, begin + RIG_SIZE), np.arange(n, n + MEASURED_SIZE)])
 
 
 def _moments(modes: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
 SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
+WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
 PROVEN_GAIN = 3.0  # of a member that fits while other rigs observe the target, too
 MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon; and, as errors last, for and against
 
@@ -148,3 +150,29 @@ class TargetState(NamedTuple):
     covariance: NDArray[np.float64]
     rigs: tuple[int, ...]
     positioned: bool
+
+
+def explained(hypotheses: Sequence[NetworkTarget], since: float, least_score: float) -> set[tuple[int, int]]:
+    """The tracks of probable hypotheses with so many rigs that no others need to be thought of.
+
+    Parameters:
+        hypotheses: targets, and candidates that are probable from a score on.
+        since (s): time since which a track has been observed.
+        least_score: that score.
+    """
+    members = [(each, each.tracks(since)) for each in hypotheses]
+    return {track for each, tracks in members for track in tracks
+            if len(tracks) >= WELL_SUPPORTED and (each.confirmed or each.score(tracks) > least_score)}
+
+
+def claims(hypotheses: Sequence[NetworkTarget], since: float) -> list[set[tuple[int, int]]]:
+    """The tracks that each hypothesis claims; a candidate none of those of targets that several other tracks support.
+
+    Parameters:
+        hypotheses: targets and candidates.
+        since (s): time since which a track has been observed.
+    """
+    members = [each.tracks(since) for each in hypotheses]
+    owned = {track for each, tracks in zip(hypotheses, members, strict=True)
+             if each.confirmed and len(tracks) >= WELL_SUPPORTED for track in tracks}
+    return [tracks if each.confirmed else tracks - owned for each, tracks in zip(hypotheses, members, strict=True)]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from av_common.angles import angles_to_direction
 from av_network.hypothesis_filter import LOG_TAU, RIG_SIZE, HypothesisFilter, largest_sigmas
 from av_network.lone_track import begin
-from av_network.meeting import MOST_APART, meetings
 from av_network.motion_model import velocity_covariance
 from av_network.network_target import Member, NetworkTarget
 from av_network.observation import Observation
@@ -23,6 +24,63 @@ MOST_RELATIVE_SIGMA = 0.5  # of the distance, beyond which a position is not lin
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
 MOST_PROPOSED = 8  # candidates by one report
 REFUTED_S = 3.0  # for which a pair that was refuted is not proposed again
+MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
+MOST_APART = 9.0  # squared distance of two directions where they are closest, over its variance
+LEAST_SINE_SQUARED = 1e-3  # of the angle between two directions
+
+
+class Lines(NamedTuple):
+    """Directions in space.
+
+    Parameters:
+        origins (k, 3) (m): of the rigs.
+        units (k, 3): along them.
+        variances (k,) (rad^2): of the angles.
+    """
+
+    origins: NDArray[np.float64]
+    units: NDArray[np.float64]
+    variances: NDArray[np.float64]
+
+
+def lines_of(observations: Sequence[Observation], states: HypothesisFilter) -> Lines:
+    """Reported directions with the corrections of the rigs' headings.
+
+    Parameters:
+        observations (k,): one at least.
+        states: what is known of the headings.
+    """
+    columns = RIG_SIZE * np.array([states.slots[one.rig] for one in observations])
+    angles = np.array([one.angles for one in observations])
+    units = angles_to_direction(angles[:, 0] + states.rig_mean[columns], angles[:, 1])
+    spreads = np.array([one.covariance[0, 0] + one.covariance[1, 1] for one in observations])
+    return Lines(np.array([one.position for one in observations]), units,
+                 spreads / 2.0 + states.rig_covariance[columns, columns])
+
+
+def meetings(first: Lines, second: Lines, most_distance: float, slack: float
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where each of m directions meets each of k others.
+
+    Returns places (m, k, 3) (m), between both where they are closest, nearer to the more precise one, and squared distances
+    (m, k) there over their variance; inf where they do not meet ahead of both rigs and within range.
+
+    Parameters:
+        first, second: of different rigs.
+        most_distance (m): of a place from either rig.
+        slack (m): standard deviation of how far a target moves between the times of the directions.
+    """
+    a, b, offsets = first.units[:, None], second.units[None], second.origins[None] - first.origins[:, None]
+    cosine, along, across = first.units @ second.units.T, np.sum(offsets * a, axis=2), np.sum(offsets * b, axis=2)
+    sine = np.maximum(1.0 - cosine**2, LEAST_SINE_SQUARED)
+    near, far = (along - cosine * across) / sine, (cosine * along - across) / sine
+    spreads = np.minimum(first.variances, 1.0)[:, None] * near**2, np.minimum(second.variances, 1.0) * far**2
+    ends = first.origins[:, None] + near[..., None] * a, second.origins + far[..., None] * b
+    total = spreads[0] + spreads[1]
+    places = (spreads[1][..., None] * ends[0] + spreads[0][..., None] * ends[1]) / np.maximum(total, 1e-12)[..., None]
+    apart = np.sum((ends[0] - ends[1]) ** 2, axis=2) / (total + slack**2)
+    possible = (1.0 - cosine**2 > LEAST_SINE_SQUARED) & (np.minimum(near, far) > 0.0) & (np.maximum(near, far) < most_distance)
+    return places, np.where(possible, apart, np.inf)
 
 
 class Pairing:
@@ -56,34 +114,37 @@ class Pairing:
             density (1/sr): of targets that are not tracked yet.
             time (s): by the reference clock.
         """
+        if not reported:
+            return
         self._refuted = {pair: until for pair, until in self._refuted.items() if until > time}
         self._contested = {key: pair for key, pair in self._contested.items() if time - pair[1] < RECENT_S}
-        headings, variances = states.rig_mean[::RIG_SIZE], np.diag(states.rig_covariance)[::RIG_SIZE]
         owners: dict[tuple[int, int], set[int]] = {}
         for index, each in enumerate(hypotheses):
             for key in each.tracks():
                 owners.setdefault(key, set()).add(index)
+        latest: dict[int, float] = {}
+        for (rig, _), (_, noted) in self._contested.items():
+            latest[rig] = max(latest.get(rig, noted), noted)
+        near = set(sorted(latest, key=latest.__getitem__)[-MOST_PARTNERS:])
+        others = [other for (rig, _), (other, _) in self._contested.items() if rig in near and rig != reported[0].rig]
+        room = self._settings.most_candidates - sum(not each.confirmed for each in hypotheses)
         found: list[tuple[float, Observation, Observation, NDArray[np.float64]]] = []
-        for one in reported:
-            others = self._partners(one.key, owners, time)
-            if others:
-                met = meetings(one, others, headings, variances, self._settings.most_distance,
-                               self._settings.speed_sigma * RECENT_S)
-                found += [(float(met.apart[k]), other, one, met.places[k]) for k, other in enumerate(others)
-                          if met.apart[k] < MOST_APART]
+        if others and room > 0:
+            places, apart = meetings(lines_of(reported, states), lines_of(others, states), self._settings.most_distance,
+                                     self._settings.speed_sigma * RECENT_S)
+            found = [(float(apart[m, k]), others[k], reported[m], places[m, k]) for m, k in np.argwhere(apart < MOST_APART)
+                     if self._is_open(reported[m].key, others[k].key, owners)]
         found.sort(key=lambda each: each[0])
         for one in reported:
             self._contested[one.key] = (one, time)
         if found:
-            chosen = found[:MOST_PROPOSED]
+            chosen = found[:min(MOST_PROPOSED, room)]
             places = np.array([place for *_, place in chosen])
             hypotheses += self._begin(states, [pair[1:3] for pair in chosen], places, density, time)
 
-    def _partners(self, key: tuple[int, int], owners: dict[tuple[int, int], set[int]], time: float) -> list[Observation]:
-        """The contested directions of other rigs that a rig's track has not been paired with, nor refuted."""
-        own = owners.get(key, set())
-        return [other for name, (other, _) in self._contested.items() if name[0] != key[0]
-                and own.isdisjoint(owners.get(name, ())) and self._refuted.get(frozenset((key, name)), -math.inf) < time]
+    def _is_open(self, first: tuple[int, int], second: tuple[int, int], owners: dict[tuple[int, int], set[int]]) -> bool:
+        """Whether two tracks belong to no hypothesis together, and were not refuted."""
+        return owners.get(first, set()).isdisjoint(owners.get(second, ())) and frozenset((first, second)) not in self._refuted
 
     def _begin(self, states: HypothesisFilter, pairs: Sequence[tuple[Observation, Observation]], places: NDArray[np.float64],
                density: float, time: float) -> list[NetworkTarget]:

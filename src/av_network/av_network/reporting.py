@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network.claims import WELL_SUPPORTED
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.network_target import SUPPORT_S, NetworkTarget, TargetState
+from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState
 from av_network.settings import NetworkSettings
 
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
-from av_network.claims import WELL_SUPPORTED, claims, explained
-from av_network.duplicates import are_same
-from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
+from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
-from av_network.network_target import NetworkTarget, TargetState
+from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained
 from av_network.observation import Observation
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, Pairing
@@ -61,7 +59,7 @@ class NetworkTracker:
     def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None) -> None:
         self.settings = settings or NetworkSettings()
         self._least_odds = math.log(self.settings.confirmed / (1.0 - self.settings.confirmed))
-        self._known = tuple(rigs)
+        self._known = list(rigs)
         self.rigs = {rig.name: index for index, rig in enumerate(rigs)}
         self._last_id = 0
         self.reset()
@@ -69,7 +67,7 @@ class NetworkTracker:
     def reset(self) -> None:
         """Forget all but the ids, as after a step of the clock."""
         self.filter = HypothesisFilter(self._known, self.settings)
-        self.calibration = RigCalibration(self._known, self.settings)
+        self.calibration = RigCalibration(self._known, self.filter.slots, self.settings)
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._pairing = Pairing(self.settings)
@@ -77,6 +75,15 @@ class NetworkTracker:
         self._decided = -math.inf
         self._density = self.settings.target_density  # 1/sr, of those that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
+
+    def join(self, rig: RigSettings) -> None:
+        """Take the reports of one more rig. Raises ValueError for a name that is known already."""
+        if rig.name in self.rigs:
+            raise ValueError(f'{rig.name} takes part already')
+        self.rigs[rig.name] = len(self._known)
+        self._known.append(rig)
+        self.calibration.join(rig, self.filter.join(rig))
+        self.trust.join()
 
     def new_id(self) -> int:
         """An id that no other target has."""
@@ -211,7 +218,7 @@ class NetworkTracker:
     def _teach(self, assigned: dict[int, int], observations: Sequence[Observation], time: float) -> None:
         """Correct headings and clocks, but not by a target that is new, or so imprecise that it is not linear."""
         mature = {column: row for column, row in assigned.items() if time - self.hypotheses[row].born > MATURE_S}
-        if not mature:
+        if not mature or self.filter.is_calibrated:
             return
         rows = np.array(list(mature.values()))
         sigmas = largest_sigmas(self.filter.conditional_covariances(rows))
@@ -322,4 +329,14 @@ class NetworkTracker:
         self._keep([row for row in range(len(self.hypotheses)) if row not in gone])
 
     def _same(self, first: int, second: int, time: float) -> bool:
-        return are_same(self.filter, self.hypotheses, (first, second), self.settings, self._density, time)
+        """Whether two tracks are more probably one target than two, of which the other one could be anywhere.
+
+        Those of which a rig observes both are two.
+        """
+        a, b = (self.hypotheses[index].members for index in (first, second))
+        if any(abs(a[rig].last - b[rig].last) < 0.5 and time - a[rig].last < 1.0 for rig in a.keys() & b.keys()):
+            return False
+        mean, P = self.filter.difference(first, second)
+        squared = float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3]))
+        log_density = -0.5 * (squared + 3.0 * LOG_TAU + float(np.linalg.slogdet(P[:3, :3])[1]))
+        return log_density > math.log(3.0 * self._density / self.settings.most_distance**3)

@@ -26,6 +26,10 @@ class RigTrust:
         self._odds = [self._most] * rigs
         self._noted: dict[tuple[int, int], float] = {}
 
+    def join(self) -> None:
+        """Take one more rig, which counts as right."""
+        self._odds.append(self._most)
+
     def note(self, rig: int, agreeing: Mapping[int, bool], time: float) -> None:
         """Note a report.
 

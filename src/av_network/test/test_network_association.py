@@ -7,11 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from av_network.meeting import meetings
+from av_network.hypothesis_filter import HypothesisFilter
 from av_network.observation import Observation
 from av_network.packing import best_packing, log_odds
+from av_network.pairing import lines_of, meetings
 from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
+from av_network.settings import NetworkSettings, RigSettings
 from av_network.trust import RigTrust
 
 
@@ -55,10 +57,12 @@ def test_directions_meet_at_their_target():
 
     left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
     others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]
-    found = meetings(seen(0, left), others, np.zeros(2), np.zeros(2), 400.0, 1.0)
-    assert np.allclose(found.places[0], target) and found.apart[0] < 1e-9
-    assert found.apart[1] == np.inf and found.apart[2] > 9.0
-    assert meetings(seen(0, left), others[:1], np.zeros(2), np.zeros(2), 50.0, 1.0).apart[0] == np.inf
+    states = HypothesisFilter([RigSettings('left', 1e-6), RigSettings('right', 1e-6)], NetworkSettings())
+    one, lines = lines_of([seen(0, left)], states), lines_of(others, states)
+    places, apart = meetings(one, lines, 400.0, 1.0)
+    assert np.allclose(places[0, 0], target) and apart[0, 0] < 1e-9
+    assert apart[0, 1] == np.inf and apart[0, 2] > 9.0
+    assert meetings(one, lines, 50.0, 1.0)[1][0, 0] == np.inf
 
 
 def report(rig, time):

@@ -1,0 +1,89 @@
+"""Cells of a city: which rigs reach them, and names that last across borders."""
+
+from __future__ import annotations
+
+import re
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from av_interfaces.msg import RigReport
+from av_network.city.cell import Cell, all_cells
+from av_network.city.grid import Grid
+from av_network.city.world import Names, World
+
+GRID = Grid(2, 100.0, 100.0)
+
+
+def part_of(key):
+    return '/'.join(key.split('/')[2:6])
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_reports_go_to_all_cells_that_a_rig_reaches(seed):
+    """Of places within reach of a rig, each is in a cell that takes the rig's reports."""
+    grid, random = Grid(4, 200.0, 80.0), np.random.default_rng(seed)
+    parts = {cell: set(grid.parts(cell)) for cell in all_cells(grid, 0, 1)}
+    for _ in range(200):
+        rig, offset = random.uniform(0.0, 800.0, 2), random.normal(size=2)
+        target = np.clip(rig + 79.9 * offset / np.linalg.norm(offset), 0.0, 799.9)
+        assert part_of(grid.report_key('rig', rig)) in parts[grid.cell_of(target)]
+    assert len(parts) == 16 and sorted(all_cells(grid, 0, 2)) + sorted(all_cells(grid, 1, 2)) == sorted(parts)
+    with pytest.raises(ValueError, match='reach is 250 m, expected up to the size of a cell, 200 m'):
+        Grid(4, 200.0, 250.0).parts((0, 0))
+
+
+def test_drones_keep_their_names_across_borders():
+    """2 x 2 cells and 14 rigs that no list names; each drone has one track at a time, and no name changes."""
+    world, names = World(GRID, 14, 2, 3), Names(GRID, 2)
+    cells = {place: Cell(place, GRID) for place in all_cells(GRID, 0, 1)}
+    takers = {part: [cell for place, cell in cells.items() if part in GRID.parts(place)]
+              for place in cells for part in GRID.parts(place)}
+    parts = [part_of(GRID.report_key('rig', place)) for place in world.places]
+    for step in range(60):
+        time = 0.25 * step
+        for rig, part in enumerate(parts):
+            message = world.report(rig, time + 0.01 * rig, 1000.0)
+            for cell in takers[part]:
+                cell.on_report(f'rig{rig}', message)
+        for cell in cells.values():
+            message = cell.output(1000.0 + time + 0.2)
+            for other in GRID.neighbours(cell.place):
+                cells[other].on_tracks(message)
+            for one in message.tracks:
+                names.take(one.id, time + 0.2, np.array([one.position.x, one.position.y, one.position.z]),
+                           np.array([one.velocity.x, one.velocity.y, one.velocity.z]))
+        if time > 4.0:
+            names.look(time + 0.2, world.drones(time + 0.2))
+    assert names.borders >= 2 and names.changes == 0
+    assert names.found > 0.95 * names.looks and names.twice < 0.05 * names.looks
+
+
+def test_what_is_no_place_is_not_used():
+    """A report without a place changes nothing; one of another version is refused."""
+    cell, message = Cell((0, 0), GRID), World(GRID, 14, 2, 3).report(0, 0.0, 1000.0)
+    message.position[0] = np.nan
+    cell.on_report('rig', message)
+    assert not cell.tracker.rigs
+    with pytest.raises(ValueError, match='rig reports by version 0'):
+        cell.on_report('rig', RigReport())
+
+
+@pytest.mark.system
+def test_the_command_prints_what_crosses_a_router_that_dies():
+    """12 rigs and 4 cells as processes; the router is dead from 1 to 1.2 s. Every report is sent, most of them arrive."""
+    pytest.importorskip('zenoh', reason='needs eclipse-zenoh')
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    given = {'rigs': 12, 'cells': 2, 'size': 100, 'reach': 100, 'drones': 1, 'duration': 2, 'outage': 0.2, 'processes': 1,
+             'router': f'tcp/127.0.0.1:{port}'}
+    done = subprocess.run([sys.executable, '-m', 'av_network.cli.city', *(f'--{name}={value}' for name, value in given.items())],
+                          capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    sent, received = (float(re.search(pattern, done.stdout, re.M)[1])
+                      for pattern in (r'^rigs +([\d.]+)', r'^cells 1(?: +[\d.]+){2} +([\d.]+)'))
+    assert sent == 48.0 and received > 10.0
