@@ -105,6 +105,19 @@ class NetworkStage:
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
 
+    def join(self, rig: RigSettings, place: RigPlace) -> None:
+        """Take one more rig. Raises ValueError for a name that is known already.
+
+        Parameters:
+            rig: what is known of it.
+            place: how its place is known.
+        """
+        self.tracker.join(rig)
+        self._names.append(rig.name)
+        self.statistics[rig.name], self._places[rig.name], self._unresolved[rig.name] = RigStatistics(), place, set()
+        if place.source == SURVEYED:
+            self._positions[rig.name] = place.position
+
     def on_report(self, rig: str, message: RigReport, size: int, arrival: float) -> None:
         """Take a rig's report. Raises ValueError for what cannot be used.
 

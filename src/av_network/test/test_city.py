@@ -81,7 +81,7 @@ def test_the_command_prints_what_crosses_a_router_that_dies():
         port = free.getsockname()[1]
     given = {'rigs': 12, 'cells': 2, 'size': 100, 'reach': 100, 'drones': 1, 'duration': 2, 'outage': 0.2, 'processes': 1,
              'router': f'tcp/127.0.0.1:{port}'}
-    done = subprocess.run([sys.executable, '-m', 'av_network.cli.city', *(f'--{name}={value}' for name, value in given.items())],
+    done = subprocess.run([sys.executable, '-m', 'av_network.cli.city', *(f'--{key}={each}' for key, each in given.items())],
                           capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode in (0, 1), done.stderr
     sent, received = (float(re.search(pattern, done.stdout, re.M)[1])

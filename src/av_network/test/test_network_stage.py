@@ -207,3 +207,23 @@ def test_another_version_is_refused_by_name():
         stage.on_report('left', message, 200, START)
     assert version_of(serialize_message(message)) == 7
     assert version_of(serialize_message(Header(stamp=to_stamp(START)))) == START
+
+
+def test_a_rig_joins_while_the_network_runs():
+    """A target of one rig gets a position when a second one joins by odometry; its track keeps headings and clocks apart."""
+    stage = stage_of(('left',))
+    assert not run(stage, ('left',)).tracks[0].positioned
+    stage.join(RigSettings('right', 0.05, 0.01), RigPlace(ODOMETRY, np.zeros(3)))
+    with pytest.raises(ValueError, match='right takes part already'):
+        stage.join(RigSettings('right'), RigPlace(ODOMETRY, np.zeros(3)))
+    for step in range(20, 50):
+        time = START + 0.25 * step
+        for name in ('left', 'right'):
+            message = report(name, time)
+            message.position = PLACES[name].astype(np.float32)
+            stage.on_report(name, message, 200, time + 0.02)
+        world = stage.output(time + 0.05)
+    (track,) = [one for one in world.tracks if one.positioned]
+    found = np.array([track.position.x, track.position.y, track.position.z])
+    assert np.linalg.norm(found - DRONE) < 3.0 and list(track.rigs) == ['left', 'right']
+    assert [rig.name for rig in world.rigs] == ['left', 'right'] and world.rigs[1].heading_sigma < 0.06

@@ -24,6 +24,9 @@ from av_network.settings import NetworkSettings, RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
 
 RATE_HZ = 10.0  # of messages of tracks
+REPORT, REPORT_TYPE = '/network/report', 'av_interfaces/msg/RigReport'
+LOOK_S = 1.0  # between two looks for rigs that join
+MOST_RIGS = 64
 SILENT_S = 3.0  # after which a rig is reported as silent
 
 
@@ -44,14 +47,15 @@ class NetworkNode(RigNode):
         given = [name.rstrip('/') for name in p.rigs if name.strip('/')]
         self._topics = {name.lstrip('/'): name for name in given}
         names = list(self._topics)
-        if not names or len(names) < len(given):
-            raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right]')
+        if not (names or p.join) or len(names) < len(given):
+            raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right], or join')
+        if p.join and (len(p.pose_sources) != 1 or p.pose_sources[0] == SURVEYED):
+            raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
         places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
         datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude) if p.datum.known else Datum()
         if any(place.source == FIX for place in places) and not datum.known:
             raise ValueError('pose_sources has fix, which needs datum.known, and latitude, longitude and altitude of datum')
-        rigs = [RigSettings(name, math.radians(p.heading_sigma_deg), p.clock_sigma if index else 0.0, p.position_sigma)
-                for index, name in enumerate(names)]
+        rigs = [self._rig(name, not index) for index, name in enumerate(names)]
         self._stage = NetworkStage(rigs, places, NetworkStageSettings(p.frame, datum), NetworkSettings())
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
@@ -62,13 +66,39 @@ class NetworkNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to all rigs."""
-        for name, source in self._sources.items():
-            self.while_active(self.create_subscription, RigReport, f'{self._topics[name]}/network/report',
-                              partial(self._on_report, name), STREAM, raw=True)
-            if source == FIX:
-                self.while_active(self.create_subscription, NavSatFix, f'{self._topics[name]}/fix',
-                                  partial(self._stage.on_fix, name), STREAM)
+        for name in self._sources:
+            self._listen(name)
         self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
+        if self.settings.join:
+            self.while_active(self.create_timer, LOOK_S, self._look)
+
+    def _rig(self, name: str, first: bool) -> RigSettings:
+        p = self.settings
+        return RigSettings(name, math.radians(p.heading_sigma_deg), 0.0 if first else p.clock_sigma, p.position_sigma)
+
+    def _listen(self, name: str) -> None:
+        self.while_active(self.create_subscription, RigReport, f'{self._topics[name]}/network/report',
+                          partial(self._on_report, name), STREAM, raw=True)
+        if self._sources[name] == FIX:
+            self.while_active(self.create_subscription, NavSatFix, f'{self._topics[name]}/fix',
+                              partial(self._stage.on_fix, name), STREAM)
+
+    def _look(self) -> None:
+        """Let rigs join whose reports have appeared below the node's namespace."""
+        begin, known = self.get_namespace().rstrip('/') + '/', {self.resolve_topic_name(f'{topic}{REPORT}')
+                                                                for topic in self._topics.values()}
+        for topic, types in self.get_topic_names_and_types():
+            name = topic.removeprefix(begin).removesuffix(REPORT)
+            if (topic != f'{begin}{name}{REPORT}' or topic in known or types != [REPORT_TYPE] or name in self._topics
+                    or len(self._topics) >= MOST_RIGS or not self.count_publishers(topic)):
+                continue
+            source = self.settings.pose_sources[0]
+            self._stage.join(self._rig(name, not self._topics), RigPlace(source, np.zeros(3)))
+            self._topics[name], self._sources[name], self._meters[name] = name, source, RateMeter()
+            if self.settings.cue:
+                self._cues[name] = self.create_publisher(PointStamped, f'{name}/target/cue', RESULT)
+            self._listen(name)
+            self.get_logger().info(f'{name} joins')
 
     def _on_report(self, name: str, data: bytes) -> None:
         check_version(name, version_of(data))  # others cannot be decoded
