@@ -22,8 +22,6 @@ UNKNOWN = 10.0
 LEAD = 0.175
 LARGEST_LEAD = 3.0
 SHARED_REFLECTIONS = 0.04
-# Even phases with less coherence are those of noise, in which the likelihood is the better estimate.
-LEAST_COHERENCE = 0.04
 # Directions closer than this (in q, a cosine) are one. Where the phase transform of the likelihood's own bins agrees with the
 # even phases in another direction, a few strong frequencies have decided: belief in it is then the second number, the share of
 # right ones at a head with reflections and in random rooms.
@@ -65,8 +63,6 @@ class Adaptive:
             belief = CONTRADICTED if _apart(third, even) <= SAME < _apart(third, likely) else belief
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
-        if even.height < LEAST_COHERENCE:
-            belief = 1.0
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
         return replace(chosen, significance=significance, main_share=even.main_share)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from av_audio.drift import Drift, DriftEstimator
 from av_audio.steered_response import Peak, SteeredResponse
@@ -15,8 +14,6 @@ from av_common.microphone_array import MicrophoneArray
 
 # Neighbouring bins share a spectral line and the taper's main lobe, so their errors are correlated: they form one cluster.
 CLUSTER_HZ = 16.0
-# Phase errors of reflections vary within this width, those of a body between the microphones more slowly.
-SMOOTH_HZ = 800.0
 
 
 class Correlation(SteeredResponse):
@@ -89,14 +86,9 @@ def _reflection_variance(clusters: NDArray) -> float:
 
     A strong early reflection shifts the phases of neighbouring clusters by similar amounts and may bias the peak by as
     much. Noise is independent between clusters, so that its products have zero mean; their standard deviation is
-    subtracted. Phases that vary slowly, over the width of SMOOTH_HZ, stem from a body between the microphones, which
-    calibration covers.
+    subtracted.
     """
-    width = round(SMOOTH_HZ / CLUSTER_HZ)
-    slow = uniform_filter1d(clusters, width, mode='nearest')
-    scale = np.maximum(slow.real, np.abs(slow.imag))  # 0 where ego-rotors are notched
-    imaginary = clusters.imag - clusters.real * slow.imag / np.maximum(scale, np.finfo(float).tiny)
-    products = imaginary[1:] * imaginary[:-1]
+    products = clusters.imag[1:] * clusters.imag[:-1]
     reference = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
     excess = float(products.sum() - np.sqrt(np.sum(products**2)))
     return excess / reference if excess > 0.0 and reference > 0.0 else 0.0
