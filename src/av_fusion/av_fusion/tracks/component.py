@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import remainder, tau
 from typing import NamedTuple
@@ -17,7 +16,7 @@ from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
 from av_fusion.tracks.motion import CLIMB_S, MotionModel
-from av_fusion.tracks.past_state import PastState
+from av_fusion.tracks.past_state import Alternatives, PastState, Row
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
@@ -43,7 +42,7 @@ class BodyDirection(NamedTuple):
 
 @dataclass(eq=False, slots=True)
 class GaussianComponent:
-    """A Gaussian over direction, rates and inverse range, with its weight in the mixture.
+    """A density of direction, rates and inverse range, with its weight in the mixture: a Gaussian for each mode of motion.
 
     The mean is a direction in the world. Deviations are in the plane that touches the sphere there, across (to larger azimuth)
     and up. A change of the mean moves along a great circle and turns covariance and rates with the axes of that plane, so that
@@ -52,7 +51,9 @@ class GaussianComponent:
     Parameters:
         weight: probability of the component.
         azimuth, elevation (rad): mean direction in the world.
-        covariance (5, 5): of the state (across, up, rate across, rate up, inverse range).
+        modes (k,): probabilities of the modes of motion.
+        offsets (k, 5): mean of the state (across, up, rate across, rate up, inverse range) in each mode, from that of all.
+        covariances (k, 5, 5): of the state in each mode.
         across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
         inverse_range (1/m): of the target.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
@@ -67,7 +68,9 @@ class GaussianComponent:
     weight: float
     azimuth: float
     elevation: float
-    covariance: NDArray[np.float64] = field(repr=False)
+    modes: NDArray[np.float64] = field(repr=False)
+    offsets: NDArray[np.float64] = field(repr=False)
+    covariances: NDArray[np.float64] = field(repr=False)
     across_rate: float = 0.0
     up_rate: float = 0.0
     inverse_range: float = 0.03
@@ -90,14 +93,15 @@ class GaussianComponent:
         return direction_of(self.azimuth, self.elevation)
 
     @property
-    def position_variance(self) -> float:
-        """Larger variance (rad^2) of the direction across and up."""
-        return float(max(self.covariance[0, 0], self.covariance[1, 1]))
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (5, 5) of the state, whatever the mode."""
+        within = (self.modes @ self.covariances.reshape(len(self.modes), -1)).reshape(SIZE, SIZE)
+        return within + (self.modes * self.offsets.T) @ self.offsets
 
     @property
     def across_variance(self) -> float:
         """Variance (rad^2) of the direction across."""
-        return float(self.covariance[0, 0])
+        return float(self.modes @ (self.covariances[:, 0, 0] + self.offsets[:, 0] ** 2))
 
     def rates(self, velocity: Vector) -> tuple[float, float]:
         """Rates (rad/s) across and up as seen from a rig that moves at `velocity` (m/s, world)."""
@@ -105,8 +109,8 @@ class GaussianComponent:
         return (self.across_rate - self.inverse_range * dot(velocity, across),
                 self.up_rate - self.inverse_range * dot(velocity, up))
 
-    def predict(self, dt: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> None:
-        """Predict by `dt` s: white angular acceleration of `noise_scale` times the model's density.
+    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> None:
+        """Predict by `dt` s: white angular acceleration, of a density that depends on the mode.
 
         Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
         is left of this at an elevation e has the weight cos(e)^2, so that both axes are alike at the zenith. A target that
@@ -117,7 +121,7 @@ class GaussianComponent:
         Parameters:
             dt (s): duration of the prediction; with a negative one the state is extrapolated back without process noise.
             model: motion of targets.
-            noise_scale: factor of the acceleration density.
+            moving: whether the target accelerates at all.
             moved (m): displacement of the rig meanwhile, in the world.
         """
         level, climb = math.cos(self.elevation) ** 2, math.sin(self.elevation)
@@ -125,7 +129,7 @@ class GaussianComponent:
         kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
         held = math.exp(-level * late / CLIMB_S)
         forgotten = math.exp(-late / RANGE_S)
-        step = np.eye(SIZE)
+        step = np.identity(SIZE)
         step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
         step[4, 4], s = forgotten, self.inverse_range
         across = dt * self.across_rate
@@ -135,40 +139,53 @@ class GaussianComponent:
             beside, below, nearer = dot(moved, left), dot(moved, above), dot(moved, self.direction)
             step[0, 4], step[1, 4], step[4, 4] = -beside, -below, forgotten * (1.0 + 2.0 * s * nearer)
             across, up, s = across - s * beside, up - s * below, s + s * s * nearer
-        self.covariance = step @ self.covariance @ step.T
+        if late > 0.0:
+            self._mix(model.transitions(dt))
+        self.offsets, self.covariances = self.offsets @ step.T, step @ self.covariances @ step.T
         self.inverse_range = _bounded(model.usual_inverse_range + forgotten * (s - model.usual_inverse_range))
         self.up_rate *= held
         if late > 0.0:
-            self._add_noise(dt, model, noise_scale, level, climb, kept, forgotten)
+            self._add_noise(dt, model, moving, level, climb, kept, forgotten)
         self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
         self.move((1.0 - level) * across, up)
 
-    def _add_noise(self, dt: float, model: MotionModel, noise_scale: float, level: float, climb: float, kept: float,
+    def _mix(self, transitions: NDArray[np.float64]) -> None:
+        """Change modes with the probabilities (k, k): the interaction of Blom and Bar-Shalom, 1988.
+
+        The interacting multiple model algorithm for systems with Markovian switching coefficients, IEEE Transactions on
+        Automatic Control 33(8).
+        """
+        joint = self.modes[:, None] * transitions
+        self.modes = self.modes @ transitions
+        given = (joint / self.modes).T  # (to, from)
+        squares = (self.covariances + self.offsets[:, :, None] * self.offsets[:, None, :]).reshape(len(given), -1)
+        self.offsets = given @ self.offsets
+        self.covariances = (given @ squares).reshape(-1, SIZE, SIZE) - self.offsets[:, :, None] * self.offsets[:, None, :]
+
+    def _add_noise(self, dt: float, model: MotionModel, moving: bool, level: float, climb: float, kept: float,
                    forgotten: float) -> None:
         passing = min(self.across_rate**2 + self.up_rate**2, 0.5)
-        q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
+        q = float(moving) * model.accelerations + PASSING_S * passing * passing
         q_up = ((1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * (passing * climb) ** 2)
-        covariance = self.covariance
+        covariances = self.covariances
         for k, density in ((0, q), (1, q_up)):
-            covariance[k, k] += density * dt**3 / 3.0
-            covariance[k, k + 2] += density * dt**2 / 2.0
-            covariance[k + 2, k] += density * dt**2 / 2.0
-            covariance[k + 2, k + 2] += density * dt
-        covariance[1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
-        covariance[4, 4] += ((1.0 - forgotten**2) * model.usual_inverse_range**2
-                             + RANGE_MEMORY_S * (TARGET_SPEED * self.inverse_range**2) ** 2 * dt)
+            covariances[:, k, k] += density * dt**3 / 3.0
+            covariances[:, k, k + 2] += density * dt**2 / 2.0
+            covariances[:, k + 2, k] += density * dt**2 / 2.0
+            covariances[:, k + 2, k + 2] += density * dt
+        covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
+        covariances[:, 4, 4] += ((1.0 - forgotten**2) * model.usual_inverse_range**2
+                                 + RANGE_MEMORY_S * (TARGET_SPEED * self.inverse_range**2) ** 2 * dt)
 
-    def predicted(self, ahead: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> GaussianComponent:
+    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> GaussianComponent:
         """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
 
         Parameters:
             ahead (s): time of the copy minus time of the component.
-            model: motion of targets.
-            noise_scale: factor of the acceleration density.
-            moved (m): displacement of the rig meanwhile, in the world.
+            model, moving, moved: see `predict`.
         """
-        copy = replace(self, covariance=self.covariance.copy())
-        copy.predict(ahead, model, noise_scale, moved)
+        copy = replace(self)
+        copy.predict(ahead, model, moving, moved)
         return copy
 
     def at(self, lag: float, moved: Vector = ZERO) -> PastState:
@@ -181,24 +198,27 @@ class GaussianComponent:
             beside, below = (dot(moved, axis) for axis in tangents(self.azimuth, self.elevation))
             jacobian[0, 4], jacobian[1, 4] = beside, below
             across, up = across + self.inverse_range * beside, up + self.inverse_range * below
-        gain = self.covariance @ jacobian.T
-        (hh, hv), (_, vv) = (jacobian @ gain).tolist()
+        gains, offsets = self.covariances @ jacobian.T, self.offsets @ jacobian.T
+        spreads = jacobian @ gains
+        (hh, hv), (_, vv) = ((self.modes @ spreads.reshape(-1, 4)).reshape(2, 2) + (self.modes * offsets.T) @ offsets).tolist()
         level = math.cos(self.elevation)
         azimuth = self.azimuth + level * across
         left, above = tangents(azimuth, self.elevation)
-        past = PastState(direction_of(azimuth, self.elevation), left, above, gain, hh, hv, vv, lag, moved)
+        past = PastState(direction_of(azimuth, self.elevation), left, above, hh, hv, vv, self.modes, offsets, spreads, gains,
+                         lag, moved)
         return past.shifted((1.0 - level * level) * across, up)
 
-    def accept(self, time: float, seen: bool, past: PastState, row: tuple[float, float], innovations: Sequence[float],
-               variances: Sequence[float], shares: Sequence[float]) -> None:
+    def accept(self, time: float, seen: bool, past: PastState, row: Row, alternatives: Alternatives) -> None:
         """Note what alternative values of one quantity say by themselves, if one of them probably belongs to this component.
 
         Parameters:
             time (s): of their capture.
             seen: whether by the camera.
-            past, row, innovations, variances, shares: see `update_alternatives`.
+            past: the component at that time.
+            row: derivatives of the quantity with respect to the direction across and up.
+            alternatives: the values.
         """
-        share, mean, square, variance = _moments(innovations, variances, shares)
+        share, mean, square, variance = (float(one[0]) for one in alternatives.pooled(past.modes).moments())
         length = math.hypot(*row)
         if share < ASSOCIATED or length < 1e-6:
             return
@@ -207,35 +227,44 @@ class GaussianComponent:
         variance = (variance + spread) / share / length**2
         self.evidence.append(Evidence(time, seen, past.direction, normal, value / length, variance))
 
-    def update_across(self, past: PastState, row: tuple[float, float], innovations: Sequence[float], variances: Sequence[float],
-                      shares: Sequence[float]) -> None:
-        """Update as `update_alternatives`; elevation and rate up keep their means, and their uncertainty is accounted for.
+    def update(self, past: PastState, row: Row, alternatives: Alternatives, keep_elevation: bool = False) -> None:
+        """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
 
+        Where the elevation is kept, it and the rate up keep their means, and their uncertainty is accounted for:
         Schmidt-Kalman filter (Schmidt, Advances in Control Systems 3, 1966, pp. 293-340). A cone about a level axis says
         nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
         a mean would climb instead of turning back.
 
-        Parameters: see `update_alternatives`.
+        Parameters:
+            past: the component at the capture time.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
+            alternatives: the values.
+            keep_elevation: whether the elevation is kept, as far as it is level.
         """
-        share, mean, square, variance = _moments(innovations, variances, shares)
-        if share < LEAST_ASSOCIATION:
+        share, mean, square, variance = alternatives.moments()
+        if self.modes @ share < LEAST_ASSOCIATION:
             return
-        total = past.variance(row) + variance
-        cross = past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]
-        gain = cross / total
-        gain[[1, 3]] *= math.sin(self.elevation) ** 2  # overhead both axes are alike
-        both = np.outer(gain, cross)
-        self.covariance = self.covariance - share * (both + both.T) + np.outer(gain, gain) * (share * total + square - mean**2)
-        self._add(gain * mean)
+        total = past.variances(row) + variance
+        cross = past.gains @ np.array(row)
+        gain = cross / total[:, None]
+        if keep_elevation:
+            gain[:, [1, 3]] *= math.sin(self.elevation) ** 2  # overhead both axes are alike
+        both = gain[:, :, None] * cross[:, None, :] * share[:, None, None]
+        spread = (share * total + square - mean**2)[:, None, None]
+        self.covariances = (self.covariances - both - both.transpose(0, 2, 1)
+                            + gain[:, :, None] * gain[:, None, :] * spread)
+        self.offsets = self.offsets + gain * mean[:, None]
+        self.recentre()
 
-    def shift(self, past: PastState, row: tuple[float, float], total: float, change: float, variance_change: float) -> None:
-        """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
-        gain = (past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]) / total
-        self.covariance = self.covariance + gain[:, None] * (gain * variance_change)
-        self._add(gain * change)
+    def weigh_modes(self, likelihoods: NDArray[np.float64]) -> None:
+        """Weigh the modes by likelihoods (k,) of a measurement."""
+        weights = self.modes * likelihoods
+        self.modes = weights / (weights @ np.ones(len(weights)))
 
-    def _add(self, change: NDArray[np.float64]) -> None:
-        """Add to the mean of the state."""
+    def recentre(self) -> None:
+        """Move the mean to that of all modes."""
+        change = self.modes @ self.offsets
+        self.offsets = self.offsets - change
         across, up, across_rate, up_rate, inverse_range = change.tolist()
         self.across_rate += across_rate
         self.up_rate += up_rate
@@ -260,7 +289,7 @@ class GaussianComponent:
         c, s = math.cos(angle), math.sin(angle)
         self.across_rate, self.up_rate = c * self.across_rate - s * self.up_rate, s * self.across_rate + c * self.up_rate
         turn = np.array([[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, c, -s, 0], [0, 0, s, c, 0], [0, 0, 0, 0, 1.0]])
-        self.covariance = turn @ self.covariance @ turn.T
+        self.offsets, self.covariances = self.offsets @ turn.T, turn @ self.covariances @ turn.T
 
     def turn_world(self, rows: Rows) -> None:
         """Turn the component with the world, where the rig's attitude was corrected."""
@@ -323,32 +352,6 @@ class GaussianComponent:
         overlooked = max(1.0 - chance, 1e-3) ** fraction
         self.p_hidden *= missed / max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
 
-    def update_alternatives(self, past: PastState, row: tuple[float, float], innovations: Sequence[float],
-                            variances: Sequence[float], shares: Sequence[float]) -> None:
-        """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
-
-        Parameters:
-            past: the component at the capture time.
-            row: derivatives of the quantity with respect to the direction across and up at that time.
-            innovations: measured minus predicted values.
-            variances: variances of the measured values.
-            shares: probabilities that the values belong to this component; the rest to 1 is the probability that none does.
-        """
-        share, mean, square, variance = _moments(innovations, variances, shares)
-        if share >= LEAST_ASSOCIATION:
-            total = past.variance(row) + variance
-            self.shift(past, row, total, mean, square - mean * mean - share * total)
-
 
 def _bounded(inverse_range: float) -> float:
     return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
-
-
-def _moments(innovations: Sequence[float], variances: Sequence[float], shares: Sequence[float]
-             ) -> tuple[float, float, float, float]:
-    """Sum of the shares, mean and mean square of the innovations by them, and the variance of the values together."""
-    share = mean = square = information = 0.0
-    for s, nu, variance in zip(shares, innovations, variances, strict=True):
-        share, mean, square = share + s, mean + s * nu, square + s * nu * nu
-        information += s / variance
-    return share, mean, square, share / information if information > 0.0 else 0.0

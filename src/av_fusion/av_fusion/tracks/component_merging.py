@@ -23,17 +23,20 @@ def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]
     """
     past = component.at(0.0)
     beside, row = past.beside(axis)
-    variance = past.variance(row)
-    sigma = math.sqrt(variance)
-    if abs(math.sin(beside)) > 1.3 * sigma:  # less than a tenth beyond the axis
+    if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the axis
         return [component]
+    sigmas = np.sqrt(past.variances(row))
+    starts, gains = (beside + past.deviations(row)) / sigmas, past.gains @ np.array(row) / sigmas[:, None]
     parts = []
     for side in (1.0, -1.0):
-        start = side * beside / sigma
-        inside = 0.5 * math.erfc(-start / math.sqrt(2.0))
-        pull = math.exp(-0.5 * start * start) / math.sqrt(2.0 * math.pi) / inside
-        part = replace(component, weight=component.weight * inside, evidence=component.evidence.copy())
-        part.shift(past, row, variance, side * sigma * pull, -variance * pull * (pull + start))
+        inside = np.array([0.5 * math.erfc(-side * start / math.sqrt(2.0)) for start in starts.tolist()]) + 1e-12
+        pulls = np.exp(-0.5 * starts**2) / math.sqrt(2.0 * math.pi) / inside
+        change = -pulls * (pulls + side * starts)
+        part = replace(component, weight=component.weight * float(component.modes @ inside), evidence=component.evidence.copy())
+        part.covariances = part.covariances + gains[:, :, None] * gains[:, None, :] * change[:, None, None]
+        part.offsets = part.offsets + side * gains * pulls[:, None]
+        part.weigh_modes(inside)
+        part.recentre()
         parts.append(part)
     return parts
 
@@ -58,15 +61,16 @@ def merge(one: GaussianComponent, other: GaussianComponent) -> None:
     here.move(*_offset(other, one))
     difference = np.array([across, up, here.across_rate - one.across_rate, here.up_rate - one.up_rate,
                            here.inverse_range - one.inverse_range])
-    one.covariance = a * one.covariance + b * here.covariance + a * b * difference[:, None] * difference
-    across, up, across_rate, up_rate, inverse_range = (b * difference).tolist()
-    one.across_rate += across_rate
-    one.up_rate += up_rate
-    one.inverse_range += inverse_range
+    modes = a * one.modes + b * here.modes
+    share = (b * here.modes / modes)[:, None]
+    apart = here.offsets + difference - one.offsets
+    spread = (share * (1.0 - share) * apart)[:, :, None] * apart[:, None, :]
+    one.covariances = (1.0 - share)[..., None] * one.covariances + share[..., None] * here.covariances + spread
+    one.offsets, one.modes = one.offsets + share * apart, modes
     one.p_unheard = a * one.p_unheard + b * other.p_unheard
     one.elevation_measured = one.elevation_measured or other.elevation_measured
     one.weight = total
-    one.move(across, up)
+    one.recentre()
 
 
 def _offset(one: GaussianComponent, other: GaussianComponent) -> tuple[float, float]:

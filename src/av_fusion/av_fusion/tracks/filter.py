@@ -148,7 +148,7 @@ class MultiBernoulliFilter:
         odds = self._undetected * np.array([odds_of(detection) for detection in detections])
         free = free_factors(ratios, 1.0 + odds)
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
-            track.use_image(image, each, factors.tolist())
+            track.use_image(image, each, factors)
         if detections:
             self._newest_sighting = max(self._newest_sighting, time)
             shares, scores = association_probabilities(ratios, free), [detection.score for detection in detections]

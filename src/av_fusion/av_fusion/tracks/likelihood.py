@@ -6,11 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hypothesis
 from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
-from av_fusion.tracks.past_state import PastState
+from av_fusion.tracks.past_state import PastState, Row
 
 TOLERANCE = math.radians(3.0)  # of an elevation beyond its variance: targets climb faster than they turn
 
@@ -20,27 +23,40 @@ class Deviation(NamedTuple):
 
     Parameters:
         row: derivatives of the measured value with respect to the direction across and up.
-        innovation: measured minus predicted value.
-        total: variance of the innovation.
+        innovations (k,): measured minus predicted value, in each mode of motion.
+        totals (k,): variance of the innovation.
         noise: the measurement's part of it.
         tolerance: variance by which larger innovations are expected.
     """
 
-    row: tuple[float, float]
-    innovation: float
-    total: float
+    row: Row
+    innovations: NDArray[np.float64]
+    totals: NDArray[np.float64]
     noise: float
     tolerance: float = 0.0
 
+    @classmethod
+    def of(cls, past: PastState, row: Row, innovation: float, noise: float, tolerance: float = 0.0) -> Deviation:
+        """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
+        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise, tolerance)
+
     @property
-    def distance(self) -> float:
-        """Square of the innovation in standard deviations."""
-        return self.innovation**2 / (self.total + self.tolerance)
+    def distances(self) -> NDArray[np.float64]:
+        """Square of the innovation in standard deviations, (k,)."""
+        return self.innovations**2 / (self.totals + self.tolerance)
 
 
-def distance(deviations: Sequence[Deviation]) -> float:
-    """Square of the distance of a measurement from a prediction, in standard deviations."""
-    return sum([deviation.distance for deviation in deviations])
+def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
+    """Square of the distance of a measurement from a prediction, in standard deviations, in each mode (k,)."""
+    first, *others = [deviation.distances for deviation in deviations]
+    for other in others:
+        first = first + other
+    return first
+
+
+def nearness(deviations: Sequence[Deviation]) -> float:
+    """Least square of the distance in any mode, to compare alternatives."""
+    return float(distances(deviations).min())
 
 
 class WorldDirection(NamedTuple):
@@ -80,9 +96,8 @@ class WorldDirection(NamedTuple):
         norm = max(math.hypot(h, v), 1e-9)
         across, up = (h / norm, v / norm), (-v / norm, h / norm)
         x, y = past.offset(self.vector)
-        return (Deviation(across, across[0] * x + across[1] * y, past.variance(across) + self.across_variance,
-                          self.across_variance),
-                Deviation(up, up[0] * x + up[1] * y, past.variance(up) + self.up_variance, self.up_variance, TOLERANCE**2))
+        return (Deviation.of(past, across, across[0] * x + across[1] * y, self.across_variance),
+                Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance, TOLERANCE**2))
 
     def _beside(self, past: PastState) -> Deviation:
         """The deviation from the half of a great circle through the sensor's vertical, on which all elevations lie."""
@@ -90,8 +105,7 @@ class WorldDirection(NamedTuple):
         if dot(self.vector, past.direction) < 0.0:  # on the other half
             distance = math.copysign(math.pi, distance) - distance
         level = 1.0 - dot(cross(self.vector, self.left), past.direction) ** 2
-        noise = self.across_variance * max(level, 0.01)
-        return Deviation(row, -distance, past.variance(row) + noise, noise)
+        return Deviation.of(past, row, -distance, self.across_variance * max(level, 0.01))
 
 
 class Comparison(NamedTuple):
@@ -101,13 +115,14 @@ class Comparison(NamedTuple):
         component, past: the component, and its direction at the capture time.
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
-        fit: likelihood relative to that of a component that predicts the measured value without error and variance; at most 1.
+        fits (k,): likelihood in each mode relative to that of a component that predicts the measured value without error and
+            variance; at most 1.
     """
 
     component: GaussianComponent
     past: PastState
     deviations: Sequence[Deviation]
-    fit: float
+    fits: NDArray[np.float64]
     direction: WorldDirection | None = None
 
 
@@ -136,14 +151,13 @@ class WorldCone(NamedTuple):
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """See `DoaLikelihood`."""
         deviation = self.deviation(past)
-        fit = math.exp(-0.5 * deviation.distance) * math.sqrt(deviation.noise / deviation.total)
-        return Comparison(component, past, (deviation,), fit)
+        return Comparison(component, past, (deviation,), _fits((deviation,)))
 
     def deviation(self, past: PastState) -> Deviation:
         """Deviation of the cosine from what a component predicts."""
-        mean, variance, row = expected_cosine(past, self.axis)
+        means, variances, row = expected_cosine(past, self.axis)
         noise = self.variance + dot(self.blur, past.direction) ** 2
-        return Deviation(row, self.cosine - mean, variance + noise, noise)
+        return Deviation(row, self.cosine - means, variances + noise, noise)
 
     def sky_images(self, elevation: float, variance: float) -> list[SkyImage]:
         """Where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -185,31 +199,32 @@ class SkyImage(NamedTuple):
     side: float
 
 
-def expected_cosine(past: PastState, axis: Vector) -> tuple[float, float, tuple[float, float]]:
-    """Mean and variance of the cosine of the angle between a target and an axis, and its mean derivatives across and up.
+def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64], Row]:
+    """Means and variances (k,) of the cosine of the angle between a target and an axis, and mean derivatives across and up.
 
     With azimuth d and elevation e of the target from its mean, the cosine is x cos d cos e + y sin d cos e + z sin e, where
     x, y, z are the axis along the mean and the axes of its plane. For Gaussian d and e all moments follow in closed form from
     E cos x = exp(-v/2); by Stein's lemma the covariance with the state is its covariance matrix times the mean gradient
     (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments need no bounds where the cosine is flat, at
-    end-fire.
+    end-fire. The modes differ little in their means, to first order.
 
     Parameters:
         past: the target's direction.
         axis: unit vector of the axis in the world.
     """
     x, y, z = dot(axis, past.direction), dot(axis, past.left), dot(axis, past.above)
-    h, v, c = past.hh, past.vv, past.hv
-    fade_sum, fade_difference = math.exp(-0.5 * (h + v) - c), math.exp(-0.5 * (h + v) + c)
+    h, v, c = past.spreads[:, 0, 0], past.spreads[:, 1, 1], past.spreads[:, 0, 1]
+    fade_sum, fade_difference = np.exp(-0.5 * (h + v) - c), np.exp(-0.5 * (h + v) + c)
     both = 0.5 * (fade_sum + fade_difference)  # E cos d cos e
-    mean = x * both
-    twice_h, twice_v = math.exp(-2.0 * h), math.exp(-2.0 * v)
-    twice_both = 0.5 * (math.exp(-2.0 * (h + v) - 4.0 * c) + math.exp(-2.0 * (h + v) + 4.0 * c))
-    mixed = 0.5 * (math.exp(-0.5 * h - 2.0 * v + 2.0 * c) - math.exp(-0.5 * h - 2.0 * v - 2.0 * c))  # E sin d sin 2e
+    twice_h, twice_v = np.exp(-2.0 * h), np.exp(-2.0 * v)
+    twice_both = 0.5 * (np.exp(-2.0 * (h + v) - 4.0 * c) + np.exp(-2.0 * (h + v) + 4.0 * c))
+    mixed = 0.5 * (np.exp(-0.5 * h - 2.0 * v + 2.0 * c) - np.exp(-0.5 * h - 2.0 * v - 2.0 * c))  # E sin d sin 2e
     square = (0.25 * x * x * (1.0 + twice_h + twice_v + twice_both) + 0.25 * y * y * (1.0 - twice_h + twice_v - twice_both)
               + 0.5 * z * z * (1.0 - twice_v) + y * z * mixed)
-    row = y * both, z * math.exp(-0.5 * v) - 0.5 * y * (fade_difference - fade_sum)
-    return mean, max(square - mean * mean, 1e-12), row
+    across, up = y * both, z * np.exp(-0.5 * v) - 0.5 * y * (fade_difference - fade_sum)
+    means = x * both
+    row = float(past.modes @ across), float(past.modes @ up)
+    return means + past.deviations(row), np.maximum(square - means**2, 1e-12), row
 
 
 class DirectionLikelihood:
@@ -225,9 +240,13 @@ class DirectionLikelihood:
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """See `DoaLikelihood`."""
         alternatives = [(direction.deviations(past), direction) for direction in self._directions]
-        deviations, nearest = min(alternatives, key=lambda pair: distance(pair[0]))
-        fit = math.exp(-0.5 * distance(deviations)) * math.sqrt(deviations[0].noise / deviations[0].total)
-        return Comparison(component, past, deviations, fit, nearest)
+        deviations, nearest = min(alternatives, key=lambda pair: nearness(pair[0]))
+        return Comparison(component, past, deviations, _fits(deviations), nearest)
+
+
+def _fits(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
+    """See `Comparison`: densities by the first deviation, reduced by the others."""
+    return np.asarray(np.exp(-0.5 * distances(deviations)) * np.sqrt(deviations[0].noise / deviations[0].totals))
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:
@@ -249,16 +268,6 @@ def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector |
         return None
     middle = first.azimuth + 0.5 * apart
     return math.cos(middle), math.sin(middle), 0.0
-
-
-def gaussian(residual: float, variance: float) -> float:
-    """Density of a zero-mean normal distribution.
-
-    Parameters:
-        residual: deviation from the mean.
-        variance: variance of the distribution.
-    """
-    return math.exp(-0.5 * residual * residual / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
 def share_within(half_width: float, offset: float, variance: float) -> float:

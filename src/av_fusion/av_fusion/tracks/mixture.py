@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents
-from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.component import SIZE, GaussianComponent
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
 from av_fusion.tracks.motion import MotionModel
 
@@ -76,19 +76,19 @@ class GaussianMixture:
         mixture.reduce()
         return mixture
 
-    def predict(self, dt: float, noise_scale: float, kept: float, moved: Vector = ZERO, axes: Collection[Vector] = ()) -> None:
+    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO, axes: Collection[Vector] = ()) -> None:
         """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
 
         Parameters:
             dt (s): duration of the prediction.
-            noise_scale: factor of the acceleration density.
+            moving: whether the target accelerates at all.
             kept: probability that the target is still present.
             moved (m): displacement of the rig meanwhile, in the world.
             axes: unit vectors in the world, at whose vertical planes components that extend to both sides are split: near
                 end-fire a measurement fits both sides, which one Gaussian cannot represent.
         """
         for component in self.components:
-            component.predict(dt, self.model, noise_scale, moved)
+            component.predict(dt, self.model, moving, moved)
             component.weight *= kept
         self.absent += (1.0 - kept) * (1.0 - self.absent)
         for axis in axes:
@@ -133,7 +133,8 @@ class GaussianMixture:
         up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
         covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
         covariance[0, 1] = covariance[1, 0] = birth.hv
-        return GaussianComponent(weight, birth.azimuth, birth.elevation, covariance, inverse_range=model.usual_inverse_range,
+        return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
+                                 np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
                                  elevation_measured=birth.elevation_measured)
 
     def reduce(self) -> None:

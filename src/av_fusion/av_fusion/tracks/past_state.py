@@ -10,7 +10,32 @@ from numpy.typing import NDArray
 
 from av_fusion.measurement.vectors import Vector, combined, dot, offset
 
-ROW_ACROSS, ROW_UP = (1.0, 0.0), (0.0, 1.0)
+Row = tuple[float, float]
+
+
+class Alternatives(NamedTuple):
+    """Alternative values of one quantity, of which at most one belongs to a component.
+
+    Parameters:
+        innovations (k, m): measured minus predicted values, of m values in each of k modes.
+        variances (k, m): of the measured values.
+        shares (k, m): probabilities that the values belong to the component; the rest to 1 is that of none.
+    """
+
+    innovations: NDArray[np.float64]
+    variances: NDArray[np.float64]
+    shares: NDArray[np.float64]
+
+    def pooled(self, modes: NDArray[np.float64]) -> Alternatives:
+        """The same of all modes together, with their probabilities (k,)."""
+        return Alternatives((modes @ self.innovations)[None], (modes @ self.variances)[None], (modes @ self.shares)[None])
+
+    def moments(self) -> tuple[NDArray[np.float64], ...]:
+        """By mode, (k,) each: sum of the shares, mean and mean square of the innovations by them, variance of a value."""
+        one = np.ones(self.shares.shape[1])
+        share, weighted = self.shares @ one, self.shares * self.innovations
+        information = np.maximum((self.shares / self.variances) @ one, 1e-300)
+        return share, weighted @ one, (weighted * self.innovations) @ one, share / information
 
 
 class PastState(NamedTuple):
@@ -18,18 +43,23 @@ class PastState(NamedTuple):
 
     Parameters:
         direction, left, above: mean, and axes of the plane; unit vectors in the world.
-        gain (5, 2): covariance of the component's present state with the direction along both axes.
-        hh, hv, vv (rad^2): covariance of the direction.
+        hh, hv, vv (rad^2): covariance of the direction, whatever the mode.
+        modes (k,): probabilities of the modes of motion.
+        offsets (k, 2), spreads (k, 2, 2): mean of the direction in each mode from that of all, and its covariance.
+        gains (k, 5, 2): covariance of the component's present state with the direction along both axes, by mode.
         lag (s), moved (m): time since then, and displacement of the rig, in the world.
     """
 
     direction: Vector
     left: Vector
     above: Vector
-    gain: NDArray[np.float64]
     hh: float
     hv: float
     vv: float
+    modes: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    spreads: NDArray[np.float64]
+    gains: NDArray[np.float64]
     lag: float
     moved: Vector
 
@@ -45,21 +75,30 @@ class PastState(NamedTuple):
         return self._replace(direction=combined(cosine, direction, sine, along), left=combined(1.0, left, h, change),
                              above=combined(1.0, above, v, change))
 
-    def variance(self, row: tuple[float, float]) -> float:
-        """Variance (rad^2) of the direction along a row of derivatives."""
+    def variance(self, row: Row) -> float:
+        """Variance (rad^2) of the direction along a row of derivatives, whatever the mode."""
         h, v = row
         return h * h * self.hh + 2.0 * h * v * self.hv + v * v * self.vv
+
+    def variances(self, row: Row) -> NDArray[np.float64]:
+        """Variance (k,) of the direction along a row of derivatives in each mode."""
+        along = np.array(row)
+        return np.asarray(self.spreads @ along @ along)
+
+    def deviations(self, row: Row) -> NDArray[np.float64]:
+        """Mean (k,) of the direction along a row of derivatives in each mode, from that of all."""
+        return np.asarray(self.offsets @ np.array(row))
 
     def offset(self, target: Vector) -> tuple[float, float]:
         """Where a direction is in the plane, along both axes (rad)."""
         return offset(self.direction, self.left, self.above, target)
 
-    def beside(self, axis: Vector) -> tuple[float, tuple[float, float]]:
+    def beside(self, axis: Vector) -> tuple[float, Row]:
         """Signed distance (rad) from the vertical plane of an axis, positive to larger azimuth, and its derivatives."""
         level = max(math.hypot(axis[0], axis[1]), 1e-9)
         return self.above_plane((-axis[1] / level, axis[0] / level, 0.0))
 
-    def above_plane(self, normal: Vector) -> tuple[float, tuple[float, float]]:
+    def above_plane(self, normal: Vector) -> tuple[float, Row]:
         """Signed distance (rad) from the plane with this unit normal, and its derivatives along both axes."""
         h, v = dot(normal, self.left), dot(normal, self.above)
         steepness = max(math.hypot(h, v), 1e-9)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from av_fusion.tracks.motion import MotionModel
 
@@ -13,7 +16,8 @@ class FilterSettings:
     """Models of targets and sensors.
 
     Parameters:
-        acceleration_density (rad^2/s^3): spectral density of the angular acceleration; innovations scale it.
+        accelerations (rad^2/s^3): spectral density of the angular acceleration in steady flight, usual flight and manoeuvres.
+        mode_shares, mode_sojourn (s): share of the time in each of these modes, and mean time after which it is drawn anew.
         elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
         usual_elevation, usual_elevation_sigma (rad): mean and stationary standard deviation of the elevation.
         rate_sigma (rad/s): prior standard deviation of the angular rate.
@@ -34,7 +38,9 @@ class FilterSettings:
         most_tracks: the least certain tracks beyond this number end.
     """
 
-    acceleration_density: float = 0.005
+    accelerations: tuple[float, ...] = (0.00015, 0.005, 0.2)
+    mode_shares: tuple[float, ...] = (0.5, 0.4, 0.1)
+    mode_sojourn: float = 1.0
     elevation_density: float = 0.001
     usual_elevation: float = math.radians(10.0)
     usual_elevation_sigma: float = math.radians(10.0)
@@ -57,8 +63,8 @@ class FilterSettings:
     duplicate_time: float = 10.0
     most_tracks: int = 50
 
-    @property
+    @cached_property
     def model(self) -> MotionModel:
         """Motion of targets."""
-        return MotionModel(self.acceleration_density, self.elevation_density, self.usual_elevation,
-                           self.usual_elevation_sigma**2)
+        return MotionModel(self.elevation_density, self.usual_elevation, self.usual_elevation_sigma**2,
+                           np.array(self.accelerations), np.array(self.mode_shares), self.mode_sojourn)

@@ -6,10 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from av_fusion.measurement.measurements import CameraMeasurement, Detection
 from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
 from av_fusion.tracks.component import GaussianComponent
-from av_fusion.tracks.likelihood import Deviation, WorldDirection, distance, gaussian, share_within
+from av_fusion.tracks.likelihood import Deviation, WorldDirection, distances, share_within
 from av_fusion.tracks.past_state import PastState
 
 LARGEST_ODDS = 99.0  # that a detection is the target
@@ -53,7 +56,7 @@ class SightComparison(NamedTuple):
         deviations: of each detection.
         chance: probability that the target is in view and detected if nothing hides it.
         missed: probability that the image does not show the target.
-        found: likelihood ratio of each detection, from the target over a false one.
+        found (k, m): likelihood ratio of each detection in each mode of motion, from the target over a false one.
     """
 
     component: GaussianComponent
@@ -61,7 +64,7 @@ class SightComparison(NamedTuple):
     deviations: Sequence[Sequence[Deviation]]
     chance: float
     missed: float
-    found: Sequence[float]
+    found: NDArray[np.float64]
 
 
 def compare(component: GaussianComponent, past: PastState, image: Image, detected: float) -> SightComparison:
@@ -75,15 +78,15 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     chance = detected * share_in_view(past, image.view, image.measurement)
     deviations = [direction.deviations(past) for direction in image.directions]
     width = 2.0 * image.measurement.half_view
-    found = [detected * odds_of(detection) * width * _density(parts)
+    found = [detected * odds_of(detection) * width * _densities(parts)
              for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
-    return SightComparison(component, past, deviations, chance, component.missed_detection(chance), found)
+    return SightComparison(component, past, deviations, chance, component.missed_detection(chance),
+                           np.array(found).reshape(len(found), len(component.modes)).T)
 
 
-def _density(deviations: Sequence[Deviation]) -> float:
-    """Density of a detection under a component, across; reduced by its deviation up."""
-    across, *others = deviations
-    return gaussian(across.innovation, across.total) * math.exp(-0.5 * distance(others))
+def _densities(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
+    """Density (k,) of a detection under a component in each mode, across; reduced by its deviation up."""
+    return np.asarray(np.exp(-0.5 * distances(deviations)) / np.sqrt(math.tau * deviations[0].totals))
 
 
 def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> float:

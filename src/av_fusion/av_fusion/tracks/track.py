@@ -19,19 +19,15 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tan
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
-from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, distance
+from av_fusion.tracks.likelihood import Comparison, WorldDirection, nearness
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
-from av_fusion.tracks.motion import AdaptiveProcessNoise
-from av_fusion.tracks.past_state import PastState
+from av_fusion.tracks.past_state import Alternatives, PastState
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, SightComparison, compare
 
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
 LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
-# Steady motion is evidence against manoeuvres while measurements confirm it, and for this long after the newest of them;
-# then the process noise returns to that of the motion model with this time constant.
-STEADY_S, STEADY_DECAY_S = 0.5, 1.0
 LARGEST_MOVE = math.cos(math.radians(4.0))  # of the direction of what counts as one place in the world
 FAR_M = 5.0  # displacement of the rig after which a place has another direction
 
@@ -42,7 +38,7 @@ class SoundComparison(NamedTuple):
     Parameters:
         component: the component.
         directions: compared with each direction.
-        fits (m,): of each, see `Comparison`.
+        fits (k, m): of each in each mode of motion, see `Comparison`.
         missed: probability that the target is not among the directions although it can be heard.
     """
 
@@ -62,7 +58,6 @@ class Track:
         began (s): capture time of its first measurement.
         time (s): for which the density is valid.
         mixture: the density.
-        process_noise: scale of the target's acceleration.
         kind, blade_pass: what it is, and the blade-pass frequency of its sound.
         ambiguity: whether front and back are resolved.
         score: of the detection that supports it in the newest image, 0 for none.
@@ -82,7 +77,6 @@ class Track:
         self._settings, self._motion = settings, motion
         self.id, self.began, self.time = identifier, time, time
         self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2, settings.lost_sigma**2)
-        self.process_noise = AdaptiveProcessNoise()
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
         self.ambiguity = Ambiguity(settings.confirm_threshold)
         self.score = 0.0
@@ -118,11 +112,6 @@ class Track:
         primary = self.mixture.primary()
         return -math.inf if primary is None else primary.newest_sighting
 
-    def noise_scale(self, time: float) -> float:
-        """Factor of the acceleration density for a prediction to `time` (s)."""
-        scale, unsupported = self.process_noise.value, time - self.measured - STEADY_S
-        return scale if unsupported <= 0.0 else 1.0 + (scale - 1.0) * math.exp(-unsupported / STEADY_DECAY_S)
-
     def predict(self, time: float, axes: Collection[Vector] = ()) -> tuple[float, Vector]:
         """Predict to `time` (s); nothing for an earlier time.
 
@@ -135,14 +124,14 @@ class Track:
         dt = time - self.time
         if dt < 0.0:
             return -dt, self._motion.moved(time, self.time)
-        self.mixture.predict(dt, 0.0 if self.kind.is_fixed else self.noise_scale(time),
-                             math.exp(-self._settings.loss_rate * dt), self._motion.moved(self.time, time), axes)
+        self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
+                             self._motion.moved(self.time, time), axes)
         self.time = time
         return 0.0, ZERO
 
     def later(self, component: GaussianComponent, time: float) -> GaussianComponent:
         """A copy of a component, predicted to `time` (s)."""
-        return component.predicted(time - self.time, self.mixture.model, self.noise_scale(time),
+        return component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed,
                                    self._motion.moved(self.time, time))
 
     def front_probability(self, time: float) -> float:
@@ -169,8 +158,8 @@ class Track:
         for component in self.mixture.components:
             past = component.at(*place)
             directions = [hearing.likelihood.compare(component, past) for hearing in heard]
-            fits = np.array([direction.fit for direction in directions])
-            others = float(np.max(confidences * (1.0 - fits)))  # a source elsewhere may hide the target
+            fits = np.array([direction.fits for direction in directions]).T
+            others = float(np.max(confidences * (1.0 - component.modes @ fits)))  # a source elsewhere may hide the target
             missed = 1.0 - self._settings.sound_detection_probability * (1.0 - self._settings.masked * others)
             compared.append(SoundComparison(component, directions, fits, missed))
         return compared
@@ -186,7 +175,7 @@ class Track:
         for component, _, fits, missed in compared:
             audible = component.weight * (1.0 - component.p_unheard)
             none += component.weight - audible * (1.0 - missed)
-            ratios += audible * fits
+            ratios += audible * (component.modes @ fits)
         return ratios * gains / none
 
     def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], fraction: float
@@ -204,16 +193,14 @@ class Track:
         tempered = gains**fraction
         for component, directions, fits, missed in compared:
             unheard = component.p_unheard
-            total = unheard + (1.0 - unheard) * (missed**fraction + float(fits @ tempered))
+            totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
             likelihoods = (1.0 - unheard) * fits * gains
-            shares = (likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))).tolist()
-            for comparison, share in zip(directions, shares, strict=True):
-                deviation = comparison.deviations[0]
-                self.process_noise.note(share * component.weight, component.across_rate, deviation.innovation, deviation.total)
+            shares = likelihoods / (unheard + (1.0 - unheard) * missed + likelihoods.sum(axis=1, keepdims=True))
+            total = float(component.modes @ totals)
             component.p_unheard = unheard / total
+            component.weigh_modes(totals)
             update_by_sound(time, directions, shares)
             component.weight *= total
-        self.process_noise.adapt(fraction)
         self.mixture.reduce()
 
     def miss_sound(self, fraction: float) -> None:
@@ -245,10 +232,10 @@ class Track:
         none, ratios = self.mixture.absent, np.zeros(count)
         for comparison in compared:
             none += comparison.component.weight * comparison.missed
-            ratios += comparison.component.weight * np.array(comparison.found)
+            ratios += comparison.component.weight * (comparison.component.modes @ comparison.found)
         return ratios / none
 
-    def use_image(self, image: Image, compared: Sequence[SightComparison], free: Sequence[float]) -> None:
+    def use_image(self, image: Image, compared: Sequence[SightComparison], free: NDArray[np.float64]) -> None:
         """Weigh and update the components by an image.
 
         Parameters:
@@ -258,39 +245,9 @@ class Track:
         """
         primary, self.score = self.mixture.primary(), 0.0
         for comparison in compared:
-            score = self._update_by_image(image, comparison, free)
+            score = _update_by_image(image, comparison, free)
             self.score = score if comparison.component is primary else self.score
-        if image.directions:
-            self.process_noise.adapt(image.fraction)
         self.mixture.reduce()
-
-    def _update_by_image(self, image: Image, compared: SightComparison, free: Sequence[float]) -> float:
-        """Weigh and update a component; the score of the detection that supports it, 0 if none does."""
-        component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
-        if image.directions:
-            found = [ratio * factor for ratio, factor in zip(compared.found, free, strict=True)]
-            likelihood += sum(found)
-            shares = [ratio / likelihood for ratio in found]
-            self._note_nearest(component, compared.deviations, shares)
-            _associate(component, compared.past, image, compared.deviations, shares)
-            score = max((d.score for d, share in zip(image.measurement.detections, shares, strict=True) if share > ASSOCIATED),
-                        default=0.0)
-            if sum(shares) >= ASSOCIATED:
-                component.newest_sighting = max(component.newest_sighting, image.time)
-            hidden = compared.missed / likelihood  # what was detected is not hidden
-        component.update_hidden(compared.chance, image.fraction, hidden)
-        component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
-        return score
-
-    def _note_nearest(self, component: GaussianComponent, deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]
-                      ) -> None:
-        """Note the nearest detection by its association probability: false ones are no manoeuvres."""
-        nearest = min(range(len(deviations)), key=lambda k: distance(deviations[k]))
-        across, *others = deviations[nearest]
-        weight, level = component.weight * shares[nearest], math.cos(component.elevation) ** 2
-        self.process_noise.note(weight, component.across_rate, across.innovation, across.total)
-        for part in others:  # overhead both axes are alike
-            self.process_noise.note((1.0 - level) * weight, component.up_rate, part.innovation, part.total)
 
     def note_kind(self, sensor: Source, probabilities: Sequence[float], looks: Sequence[float], seconds: float = 0.0) -> None:
         """Note what the measurements of a scan tell of the kind of the target.
@@ -335,56 +292,85 @@ class Track:
                 track.confusions[rival.id] = max(track.confusions.get(rival.id, 0.0), confusion)
 
 
-def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: Sequence[float]) -> None:
+def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDArray[np.float64]) -> None:
     """Update a component by directions of arrival with their association probabilities.
 
     Parameters:
         time (s): their capture time.
         comparisons: of the component with each of them.
-        shares: probability of each that it stems from this component; they sum to at most one.
+        shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
     """
     component, past = comparisons[0].component, comparisons[0].past
-    across = [comparison.deviations[0] for comparison in comparisons]
-    row = across[shares.index(max(shares))].row  # those of directions far away differ
-    update = component.update_across if comparisons[0].direction is None else component.update_alternatives
-    innovations = [d.innovation for d in across]
-    component.accept(time, False, past, row, innovations, [d.noise for d in across], shares)
-    update(past, row, innovations, [max(d.total - past.variance(d.row), d.noise) for d in across], shares)
-    known = [(comparison.direction, share) for comparison, share in zip(comparisons, shares, strict=True)
-             if comparison.direction is not None and comparison.direction.is_known]
-    _update_elevation(component, past, known, time)
-    if sum(shares) >= ASSOCIATED:
+    across, whole = [comparison.deviations[0] for comparison in comparisons], (component.modes @ shares).tolist()
+    row = across[whole.index(max(whole))].row  # those of directions far away differ
+    noises = np.array([np.maximum(d.totals - past.variances(d.row), d.noise) for d in across]).T
+    alternatives = Alternatives(np.array([d.innovations for d in across]).T, noises, shares)
+    component.accept(time, False, past, row, alternatives)
+    component.update(past, row, alternatives, keep_elevation=comparisons[0].direction is None)
+    known = [j for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
+    _update_elevation(component, past, [comparisons[j].direction for j in known], shares[:, known], time)
+    if sum(whole) >= ASSOCIATED:
         component.newest_doa = max(component.newest_doa, time)
 
 
-def _associate(component: GaussianComponent, past: PastState, image: Image, deviations: Sequence[Sequence[Deviation]],
-               shares: Sequence[float]) -> None:
-    """Update a component by detections with their association probabilities."""
-    nearest, innovations = min(deviations, key=distance)[0], [parts[0].innovation for parts in deviations]
-    noises = [parts[0].noise for parts in deviations]
+def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64]) -> float:
+    """Weigh and update a component by an image; the score of the detection that supports it, 0 if none does.
+
+    Parameters:
+        image: the image.
+        compared: of the component with it.
+        free (m,): how far each detection is free for this target.
+    """
+    component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
+    if image.directions:
+        found = compared.found * free
+        likelihoods = compared.missed + found.sum(axis=1)
+        shares, likelihood = found / likelihoods[:, None], float(component.modes @ likelihoods)
+        component.weigh_modes(likelihoods**image.fraction)
+        whole = (component.modes @ shares).tolist()
+        _associate(image, compared, shares)
+        score = max((d.score for d, share in zip(image.measurement.detections, whole, strict=True) if share > ASSOCIATED),
+                    default=0.0)
+        if sum(whole) >= ASSOCIATED:
+            component.newest_sighting = max(component.newest_sighting, image.time)
+        hidden = compared.missed / likelihood  # what was detected is not hidden
+    component.update_hidden(compared.chance, image.fraction, hidden)
+    component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
+    return score
+
+
+def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float64]) -> None:
+    """Update a component by detections with their association probabilities (k, m)."""
+    component, past, across = compared.component, compared.past, [parts[0] for parts in compared.deviations]
+    row = min(compared.deviations, key=nearness)[0].row
+    alternatives = Alternatives(np.array([d.innovations for d in across]).T,
+                                np.array([[d.noise for d in across]] * len(shares)), shares)
     # Errors of successive images are alike: together they say less than the filter, which moves on, makes of each.
-    component.accept(image.time, True, past, nearest.row, innovations, [noise / image.fraction for noise in noises], shares)
-    component.update_alternatives(past, nearest.row, innovations, noises, shares)
-    _update_elevation(component, past, [(direction, share) for direction, share in zip(image.directions, shares, strict=True)
-                                        if direction.is_known], image.time, image.fraction)
+    component.accept(image.time, True, past, row, alternatives._replace(variances=alternatives.variances / image.fraction))
+    component.update(past, row, alternatives)
+    known = [j for j, direction in enumerate(image.directions) if direction.is_known]
+    _update_elevation(component, past, [image.directions[j] for j in known], shares[:, known], image.time, image.fraction)
 
 
-def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[tuple[WorldDirection, float]],
-                      time: float, fraction: float = 0.0) -> None:
+def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[WorldDirection],
+                      shares: NDArray[np.float64], time: float, fraction: float = 0.0) -> None:
     """Update a component by the elevations of directions with their association probabilities.
 
     Parameters:
         component, past: the component, and its direction at the capture time.
         known: the directions.
+        shares (k, m): see `update_by_sound`.
         time (s): of their capture.
         fraction: effective sample fraction of an image; 0 for sound, whose variances hold it already.
     """
-    if sum([share for _, share in known]) > LEAST_ELEVATION_ASSOCIATION:
+    whole = (component.modes @ shares).tolist()
+    if sum(whole) > LEAST_ELEVATION_ASSOCIATION:
         past = component.at(past.lag, past.moved)
-        ups = [direction.deviations(past)[1] for direction, _ in known]
-        shares = [share for _, share in known]
-        row = ups[shares.index(max(shares))].row  # axes of directions far away differ
-        innovations, noises = [up.innovation for up in ups], [up.noise for up in ups]
-        component.accept(time, fraction > 0.0, past, row, innovations, [noise / (fraction or 1.0) for noise in noises], shares)
-        component.update_alternatives(past, row, innovations, noises, shares)
+        ups = [direction.deviations(past)[1] for direction in known]
+        row = ups[whole.index(max(whole))].row  # axes of directions far away differ
+        alternatives = Alternatives(np.array([up.innovations for up in ups]).T,
+                                    np.array([[up.noise for up in ups]] * len(shares)), shares)
+        component.accept(time, fraction > 0.0, past, row,
+                         alternatives._replace(variances=alternatives.variances / (fraction or 1.0)))
+        component.update(past, row, alternatives)
         component.elevation_measured = True
