@@ -16,7 +16,8 @@ class FilterSettings:
     """Models of targets and sensors.
 
     Parameters:
-        accelerations (rad^2/s^3): spectral density of the angular acceleration in steady flight, usual flight and manoeuvres.
+        accelerations (rad^2/s^3): spectral density of the angular acceleration by mode of motion: steady flight, 0.4 m/s^2 for
+            a second at 20 m, and manoeuvres, 4 m/s^2.
         mode_shares, mode_sojourn (s): share of the time in each of these modes, and mean time after which it is drawn anew.
         elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
         usual_elevation, usual_elevation_sigma (rad): mean and stationary standard deviation of the elevation.
@@ -38,8 +39,8 @@ class FilterSettings:
         most_tracks: the least certain tracks beyond this number end.
     """
 
-    accelerations: tuple[float, ...] = (0.00015, 0.005, 0.2)
-    mode_shares: tuple[float, ...] = (0.5, 0.4, 0.1)
+    accelerations: tuple[float, ...] = (0.001, 0.1)
+    mode_shares: tuple[float, ...] = (0.8, 0.2)
     mode_sojourn: float = 1.0
     elevation_density: float = 0.001
     usual_elevation: float = math.radians(10.0)
