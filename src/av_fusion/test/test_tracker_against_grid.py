@@ -19,7 +19,8 @@ AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
 DT, SUBSTEPS = 0.5, 10  # windows that follow one another without overlap: every sound is new evidence
 SETTINGS = FilterSettings(usual_elevation=0.0, usual_elevation_sigma=math.radians(0.3), elevation_density=1e-8, loss_rate=0.0,
-                          sound_floor_sigma=0.0, accelerations=(0.02,), mode_shares=(1.0,), unheard_rate=0.0, sound_detection_probability=0.99)
+                          sound_floor_sigma=0.0, accelerations=(0.02,), mode_shares=(1.0,),
+                          unheard_rate=0.0, sound_detection_probability=0.99)
 
 
 class Histogram:
