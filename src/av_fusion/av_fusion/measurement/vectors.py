@@ -39,7 +39,9 @@ def combined(s: float, a: Vector, t: float, b: Vector) -> Vector:
 
 def turned(rows: Rows, v: Vector) -> Vector:
     """A vector turned by a rotation: from the frame to its parent."""
-    return dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)
+    x, y, z = v
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def turned_back(rows: Rows, v: Vector) -> Vector:

@@ -29,6 +29,7 @@ LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
 MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of three cameras at 60 Hz, for half a second
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
+_IDENTITY = np.identity(SIZE)
 
 
 class BodyDirection(NamedTuple):
@@ -129,7 +130,7 @@ class GaussianComponent:
         kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
         held = math.exp(-level * late / CLIMB_S)
         forgotten = math.exp(-late / RANGE_S)
-        step = np.identity(SIZE)
+        step = _IDENTITY.copy()
         step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
         step[4, 4], s = forgotten, self.inverse_range
         across = dt * self.across_rate
@@ -195,7 +196,7 @@ class GaussianComponent:
         jacobian[0, 0] = jacobian[1, 1] = 1.0
         jacobian[0, 2] = jacobian[1, 3] = -lag
         if moved != ZERO:
-            beside, below = (dot(moved, axis) for axis in tangents(self.azimuth, self.elevation))
+            beside, below = [dot(moved, axis) for axis in tangents(self.azimuth, self.elevation)]
             jacobian[0, 4], jacobian[1, 4] = beside, below
             across, up = across + self.inverse_range * beside, up + self.inverse_range * below
         gains, offsets = self.covariances @ jacobian.T, self.offsets @ jacobian.T
@@ -218,7 +219,7 @@ class GaussianComponent:
             row: derivatives of the quantity with respect to the direction across and up.
             alternatives: the values.
         """
-        share, mean, square, variance = (float(one[0]) for one in alternatives.pooled(past.modes).moments())
+        share, mean, square, variance = [float(one[0]) for one in alternatives.pooled(past.modes).moments()]
         length = math.hypot(*row)
         if share < ASSOCIATED or length < 1e-6:
             return
@@ -259,7 +260,7 @@ class GaussianComponent:
     def weigh_modes(self, likelihoods: NDArray[np.float64]) -> None:
         """Weigh the modes by likelihoods (k,) of a measurement."""
         weights = self.modes * likelihoods
-        self.modes = weights / (weights @ np.ones(len(weights)))
+        self.modes = weights / np.add.reduce(weights)
 
     def recentre(self) -> None:
         """Move the mean to that of all modes."""

@@ -42,4 +42,6 @@ class MotionModel:
     def transitions(self, dt: float) -> NDArray[np.float64]:
         """Probabilities (k, k) of each mode (columns) `dt` s after another one (rows)."""
         kept = math.exp(-dt / self.sojourn)
-        return kept * np.identity(len(self.shares)) + (1.0 - kept) * self.shares
+        probabilities = np.array([(1.0 - kept) * self.shares] * len(self.shares))
+        probabilities.flat[::len(self.shares) + 1] += kept
+        return probabilities

@@ -32,10 +32,10 @@ class Alternatives(NamedTuple):
 
     def moments(self) -> tuple[NDArray[np.float64], ...]:
         """By mode, (k,) each: sum of the shares, mean and mean square of the innovations by them, variance of a value."""
-        one = np.ones(self.shares.shape[1])
-        share, weighted = self.shares @ one, self.shares * self.innovations
-        information = np.maximum((self.shares / self.variances) @ one, 1e-300)
-        return share, weighted @ one, (weighted * self.innovations) @ one, share / information
+        weighted = self.shares * self.innovations
+        share, mean, square, information = np.add.reduce(
+            (self.shares, weighted, weighted * self.innovations, self.shares / self.variances), axis=-1)
+        return share, mean, square, share / np.maximum(information, 1e-300)
 
 
 class PastState(NamedTuple):

@@ -195,7 +195,7 @@ class Track:
             unheard = component.p_unheard
             totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
             likelihoods = (1.0 - unheard) * fits * gains
-            shares = likelihoods / (unheard + (1.0 - unheard) * missed + likelihoods.sum(axis=1, keepdims=True))
+            shares = likelihoods / (unheard + (1.0 - unheard) * missed + np.add.reduce(likelihoods, axis=1, keepdims=True))
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
@@ -307,8 +307,9 @@ def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDAr
     alternatives = Alternatives(np.array([d.innovations for d in across]).T, noises, shares)
     component.accept(time, False, past, row, alternatives)
     component.update(past, row, alternatives, keep_elevation=comparisons[0].direction is None)
-    known = [j for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
-    _update_elevation(component, past, [comparisons[j].direction for j in known], shares[:, known], time)
+    known = [(j, one.direction) for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
+    if known:
+        _update_elevation(component, past, [direction for _, direction in known], shares[:, [j for j, _ in known]], time)
     if sum(whole) >= ASSOCIATED:
         component.newest_doa = max(component.newest_doa, time)
 
@@ -324,7 +325,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
     component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
     if image.directions:
         found = compared.found * free
-        likelihoods = compared.missed + found.sum(axis=1)
+        likelihoods = compared.missed + np.add.reduce(found, axis=1)
         shares, likelihood = found / likelihoods[:, None], float(component.modes @ likelihoods)
         component.weigh_modes(likelihoods**image.fraction)
         whole = (component.modes @ shares).tolist()
@@ -349,7 +350,8 @@ def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float
     component.accept(image.time, True, past, row, alternatives._replace(variances=alternatives.variances / image.fraction))
     component.update(past, row, alternatives)
     known = [j for j, direction in enumerate(image.directions) if direction.is_known]
-    _update_elevation(component, past, [image.directions[j] for j in known], shares[:, known], image.time, image.fraction)
+    if known:
+        _update_elevation(component, past, [image.directions[j] for j in known], shares[:, known], image.time, image.fraction)
 
 
 def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[WorldDirection],
