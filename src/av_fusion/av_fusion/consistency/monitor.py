@@ -278,7 +278,7 @@ class ConsistencyMonitor:
     def _decide(self, bank: FilterBank) -> None:
         posterior = bank.posterior()
         faults = np.argsort(-posterior[1:]) + 1
-        wrong = float(posterior[1:].sum())
+        wrong = max(float(posterior[1:].sum()), 1e-300)
         chance = self._odds * float(posterior[0]) / wrong  # bound of the probability of such a ratio, where nothing is wrong
         if chance < SUSPECTED:
             best = bank.hypotheses[faults[0]].signs

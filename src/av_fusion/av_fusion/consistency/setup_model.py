@@ -37,7 +37,6 @@ SIGHT_CLUTTER, SOUND_CLUTTER = 0.05, 0.1  # probability that a measurement stems
 UNIFORM = 0.5  # density of a cosine that may be any
 # A detection and a sound may be of two things: one in twenty; they become so, or one thing again, after these times.
 UNPAIRED, PARTS_S, MEETS_S = 0.05, 60.0, 10.0
-LEAST_PAIRED = 0.02
 
 
 SWAPPED, MIRRORED, REVERSED_YAW = 'swapped', 'mirrored', 'reversed yaw'  # signs that may be wrong
@@ -56,11 +55,6 @@ class Hypothesis:
     prior: float
     signs: tuple[str, ...] = ()
     sigmas: Mapping[int, float] = field(default_factory=dict)
-
-    @property
-    def is_fault(self) -> bool:
-        """Whether the description is wrong by this hypothesis."""
-        return bool(self.signs or self.sigmas)
 
 
 class SightEvent(NamedTuple):
@@ -217,7 +211,7 @@ class FilterBank:
             share = self._sees * 1.0
         self._correct(left, gain, spread, share)
         self._target_known = True
-        if share.max() < 0.5:  # by no hypothesis is it the target of before
+        if share[ALONE] < 0.5:  # by the description it is not the target of before, once: what follows is no more evidence
             self.forget_target()
             return
         self._measure_apart(float(np.interp(0.0, YAW_DELAYS_S, event.yaws)))
@@ -259,7 +253,7 @@ class FilterBank:
         if paired.any():
             self.evidence += np.log(total)
             self.paired = paired * likelihood[ALONE:] / total
-            share[ALONE:] *= self.paired > LEAST_PAIRED
+            share[ALONE:] *= self.paired > UNPAIRED  # a filter is that of the case in which sound is of what is seen
         else:
             share[ALONE:] = 0.0
         self._correct(left[np.arange(len(left)), np.argmax(densities, axis=1)], gain, spread, share)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any, ClassVar
 
@@ -157,7 +158,10 @@ class FusionNode(RigNode):
             level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
             status.mergeSummary(level, f'no {", ".join(missing)}')
         self._diagnose_motion(status)
-        fault = self._stage.consistency.fault if self._stage.consistency else None
+        monitor = self._stage.consistency
+        fault = monitor.fault if monitor is not None else None
+        if monitor is not None:
+            status.add('uncertainty by the description (deg)', f'{math.degrees(math.sqrt(monitor.belief.in_body)):.1f}')
         if fault is not None:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_certain else DiagnosticStatus.WARN, str(fault))
         for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
