@@ -10,14 +10,12 @@ import argparse
 import json
 import multiprocessing
 import multiprocessing.synchronize
-import queue
 import resource
 import struct
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +31,7 @@ RATE_HZ, OUTPUT_HZ, STEP_S = 4.0, 4.0, 0.05  # of reports and of tracks; of the 
 QUIET = bytes(serialize_message(RigReport(version=RigReport.VERSION)))  # a report without directions
 STAMP = 8  # place of the stamp in it, after the encapsulation and the version
 READY_S, GRACE_S = 60.0, 5.0  # for the processes to begin, and to end
+MOST_WAITING = 1000  # messages of one key, of which the oldest are lost then
 SAMPLE = 50  # of reports without directions, one in so many is timed
 COVERED, LATE_S = 0.9, 0.5  # what is asked for: drones with a track, and age of 95 % of the reports
 
@@ -141,56 +140,52 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
 
 
 def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiprocessing.synchronize.Event, results: Any) -> None:
-    """The cells of one process."""
-    grid, waiting = _grid(options), queue.SimpleQueue[tuple[list[Cell], str, bytes]]()
+    """The cells of one process. One thread takes and tracks, as threads that wait for Python's lock would be late."""
+    from zenoh.handlers import RingChannel
+    grid = _grid(options)
     cells = [Cell(place, grid) for place in all_cells(grid, share, options.processes)]
     counts, delays = dict.fromkeys(('sent', 'sent_bytes', 'received', 'received_bytes', 'refused'), 0), []
-
-    parts: dict[str, list[Cell]] = {}
+    to: dict[str, list[Cell]] = {}
     for cell in cells:
-        for part in grid.parts(cell.place):
-            parts.setdefault(part, []).append(cell)
-
-    def take(sample: Any) -> None:
-        data = sample.payload.to_bytes()
-        counts['received'], counts['received_bytes'] = counts['received'] + 1, counts['received_bytes'] + len(data)
-        if len(data) > len(QUIET) or counts['received'] % SAMPLE == 0:
-            part, rig = str(sample.key_expr)[len(REPORTS) + 1:].rsplit('/', 1)
-            waiting.put((parts[part], rig, data))
-
-    def take_tracks(cell: Cell) -> Callable[[Any], None]:
-        return lambda sample: waiting.put(([cell], '', sample.payload.to_bytes()))
-
+        for key in [*(f'{REPORTS}/{part}/*' for part in grid.parts(cell.place)),
+                    *(f'{TRACKS}/{x}/{y}' for x, y in grid.neighbours(cell.place))]:
+            to.setdefault(key, []).append(cell)
     with _session(options) as session:
-        subscriptions = [session.declare_subscriber(f'{REPORTS}/{part}/*', take) for part in parts]
-        subscriptions += [session.declare_subscriber(f'{TRACKS}/{x}/{y}', take_tracks(cell))
-                          for cell in cells for x, y in grid.neighbours(cell.place)]
+        subscriptions = [(session.declare_subscriber(key, RingChannel(MOST_WAITING)), takers) for key, takers in to.items()]
         ready.release()
         due = time.time()
         while not stop.is_set():
-            with suppress(queue.Empty):
-                while time.time() < due:
-                    to, rig, data = waiting.get(timeout=max(due - time.time(), 1e-3))
-                    stamp = _use(to, rig, data, counts)
-                    if stamp is not None:
-                        delays.append(time.time() - stamp)
+            for subscription, takers in subscriptions:
+                while (sample := subscription.try_recv()) is not None:
+                    _take(sample, takers, counts, delays)
             if time.time() >= due:
-                due += 1.0 / OUTPUT_HZ
+                due = max(due + 1.0 / OUTPUT_HZ, time.time() - 1.0)
                 _publish(session, cells, counts)
-                due = max(due, time.time() - 1.0)
-        del subscriptions
+            time.sleep(min(STEP_S, max(due - time.time(), 0.0)))
     results.put(Traffic(f'cells {share + 1}', **counts, cpu=_cpu(), delays=tuple(delays)))
 
 
-def _use(cells: Sequence[Cell], rig: str, data: bytes, counts: dict[str, int]) -> float | None:
-    """Give cells a message, of tracks if it is of no rig; returns the stamp (s) of a report."""
+def _take(sample: Any, takers: Sequence[Cell], counts: dict[str, int], delays: list[float]) -> None:
+    """Count a message, and give it to its cells; of reports without directions few are looked at."""
+    data = sample.payload.to_bytes()
+    counts['received'], counts['received_bytes'] = counts['received'] + 1, counts['received_bytes'] + len(data)
+    if len(data) > len(QUIET) or counts['received'] % SAMPLE == 0:
+        stamp = _use(takers, str(sample.key_expr), data, counts)
+        if stamp is not None:
+            delays.append(time.time() - stamp)
+
+
+def _use(cells: Sequence[Cell], key: str, data: bytes, counts: dict[str, int]) -> float | None:
+    """Give cells a message; returns the stamp (s) of a report."""
     try:
-        if not rig:
-            cells[0].on_tracks(deserialize_message(data, WorldTrackArray))
+        if key.startswith(TRACKS):
+            tracks = deserialize_message(data, WorldTrackArray)
+            for cell in cells:
+                cell.on_tracks(tracks)
             return None
         message = deserialize_message(data, RigReport)
         for cell in cells if message.directions else ():
-            cell.on_report(rig, message)
+            cell.on_report(key.rsplit('/', 1)[1], message)
         return to_seconds(message.header.stamp)
     except Exception:  # noqa: BLE001 - whatever comes from outside
         counts['refused'] += 1
