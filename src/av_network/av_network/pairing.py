@@ -83,6 +83,24 @@ def meetings(first: Lines, second: Lines, most_distance: float, slack: float
     return places, np.where(possible, apart, np.inf)
 
 
+def supports(places: NDArray[np.float64], lines: Lines, rigs: Sequence[int], slack: float) -> NDArray[np.intp]:
+    """Of how many rigs a direction passes each of n places (n,): where more meet, a meeting is less probably by chance.
+
+    Parameters:
+        places (n, 3) (m): the places.
+        lines (k,), rigs (k,): directions and the rigs that report them.
+        slack (m): see `meetings`.
+    """
+    offsets = places[:, None] - lines.origins
+    along = np.sum(offsets * lines.units, axis=2)
+    squared = np.sum(offsets**2, axis=2)
+    near = (along > 0.0) & (squared - along**2 < MOST_APART * (np.minimum(lines.variances, 1.0) * squared + slack**2))
+    found = np.zeros(len(places), int)
+    for rig in set(rigs):
+        found += np.any(near[:, np.array(rigs) == rig], axis=1)
+    return found
+
+
 class Pairing:
     """Proposes candidates.
 
@@ -130,11 +148,13 @@ class Pairing:
         room = self._settings.most_candidates - sum(not each.confirmed for each in hypotheses)
         found: list[tuple[float, Observation, Observation, NDArray[np.float64]]] = []
         if others and room > 0:
-            places, apart = meetings(lines_of(reported, states), lines_of(others, states), self._settings.most_distance,
-                                     self._settings.speed_sigma * RECENT_S)
+            lines, slack = lines_of(others, states), self._settings.speed_sigma * RECENT_S
+            places, apart = meetings(lines_of(reported, states), lines, self._settings.most_distance, slack)
             found = [(float(apart[m, k]), others[k], reported[m], places[m, k]) for m, k in np.argwhere(apart < MOST_APART)
                      if self._is_open(reported[m].key, others[k].key, owners)]
-        found.sort(key=lambda each: each[0])
+        if len(found) > min(MOST_PROPOSED, max(room, 0)):
+            support = supports(np.array([each[3] for each in found]), lines, [other.rig for other in others], slack)
+            found = [found[k] for k in np.lexsort(np.array([[each[0] for each in found], -support]))]
         for one in reported:
             self._contested[one.key] = (one, time)
         if found:

@@ -144,7 +144,8 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
     from zenoh.handlers import RingChannel
     grid = _grid(options)
     cells = [Cell(place, grid) for place in all_cells(grid, share, options.processes)]
-    counts, delays = dict.fromkeys(('sent', 'sent_bytes', 'received', 'received_bytes', 'refused'), 0), []
+    counts = dict.fromkeys(('sent', 'sent_bytes', 'received', 'received_bytes', 'refused'), 0)
+    delays: list[float] = []
     to: dict[str, list[Cell]] = {}
     for cell in cells:
         for key in [*(f'{REPORTS}/{part}/*' for part in grid.parts(cell.place)),
