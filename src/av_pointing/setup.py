@@ -12,7 +12,7 @@ for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
 
 setup(
     name=package_name,
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),

@@ -12,7 +12,7 @@ for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
 
 setup(
     name=package_name,
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     package_data={package_name: ['page/*']},
     data_files=[
