@@ -30,8 +30,8 @@ def azimuth_posterior(tracks: Iterable[Track], motion: RigMotion, time: float) -
     """
     total, attitude = np.zeros(SECTORS), motion.attitude(time)
     for track in (track for track in tracks if time - track.time < MAX_GAP_S):
-        for component in track.mixture.components:
-            found = track.later(component, time).in_body(attitude)
+        for component in track.later(time).values():
+            found = component.in_body(attitude)
             total += component.weight * _wrapped_normal(found.azimuth, found.azimuth_variance)
     return total
 

@@ -240,11 +240,12 @@ class MultiTargetTracker:
         primary = track.mixture.primary()
         if primary is None or time - primary.measured > self.settings.coast + self.settings.machine.sound_timeout:
             return None
-        later = track.later(primary, time)
-        if later.across_variance >= self.settings.filter.lost_sigma**2:
+        later, attitude = track.later(time), self.motion.attitude(time)
+        if later[primary].across_variance >= self.settings.filter.lost_sigma**2:
             return None
-        front = track.front_probability(time)
-        track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, self.motion.attitude(time))
+        front = (sum([one.weight * one.front_share(attitude) for one in later.values()])
+                 / sum([one.weight for one in later.values()]))
+        track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, attitude)
         machine = self.settings.machine
         seen = time - primary.newest_sighting <= machine.sight_timeout
         heard = time - primary.newest_doa <= machine.sound_timeout
@@ -252,7 +253,7 @@ class MultiTargetTracker:
         state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
         shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
                              resolved=track.ambiguity.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
-                             sight_weight=seen * (1.0 - 0.5 * heard)), later, self.motion)
+                             sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], self.motion)
         return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
                       track.identity, track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
 

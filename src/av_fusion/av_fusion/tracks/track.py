@@ -129,16 +129,11 @@ class Track:
         self.time = time
         return 0.0, ZERO
 
-    def later(self, component: GaussianComponent, time: float) -> GaussianComponent:
-        """A copy of a component, predicted to `time` (s)."""
-        return component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed,
-                                   self._motion.moved(self.time, time))
-
-    def front_probability(self, time: float) -> float:
-        """Probability, given that there is a target, that its azimuth in the body is within 90 degrees at `time` (s)."""
-        attitude = self._motion.attitude(time)
-        shares = [(c.weight, self.later(c, time).front_share(attitude)) for c in self.mixture.components]
-        return sum([weight * share for weight, share in shares]) / sum([weight for weight, _ in shares])
+    def later(self, time: float) -> dict[GaussianComponent, GaussianComponent]:
+        """A copy of each component, predicted to `time` (s)."""
+        moved = self._motion.moved(self.time, time)
+        return {component: component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed, moved)
+                for component in self.mixture.components}
 
     def predict_heard(self, seconds: float) -> None:
         """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""
