@@ -23,6 +23,28 @@ EXTENT = np.array([22.0, 22.0, 8.0])  # m, half extents of the box in which it s
 WINDOW_S = 0.8  # of the reports that are used by least squares: each camera has two or three, at four a second
 
 
+class _Drone:
+    """A multirotor that follows a wanted velocity by accelerations of up to ACCELERATION, with the lag LAG_S.
+
+    Attributes:
+        place (3,) (m), velocity (3,) (m/s): now.
+
+    Parameters:
+        place (3,) (m): at first, where it is at rest.
+    """
+
+    def __init__(self, place: NDArray[np.float64]) -> None:
+        self.place, self.velocity, self._acceleration = place, np.zeros(3), np.zeros(3)
+
+    def fly(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Fly for STEP_S with a wanted velocity (3,) (m/s); returns the new place."""
+        change = (wanted - self.velocity) / 0.3
+        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
+        self._acceleration = self._acceleration + (change - self._acceleration) * STEP_S / LAG_S
+        self.velocity, self.place = self.velocity + self._acceleration * STEP_S, self.place + self.velocity * STEP_S
+        return self.place
+
+
 def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Trajectory:
     """A flight by commands of velocity: go, stop, turn back, after 0.8 to 4 s each.
 
@@ -32,7 +54,7 @@ def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Tr
         fastest (m/s): speed.
     """
     random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
-    places, place, velocity, acceleration = np.zeros((count, 3)), CENTRE.copy(), np.zeros(3), np.zeros(3)
+    places, drone = np.zeros((count, 3)), _Drone(CENTRE)
     wanted, until = np.zeros(3), 0.0
     for k in range(count):
         if k * STEP_S >= until:
@@ -41,13 +63,9 @@ def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Tr
             course = random.normal(size=3) * [1.0, 1.0, 0.3]
             course *= random.uniform(0.4, 1.0) * fastest / np.linalg.norm(course)
             wanted = np.zeros(3) if kind < 0.25 else -wanted if kind < 0.5 and np.any(wanted) else course
-        outside = np.abs(place + velocity - CENTRE) > EXTENT
-        wanted = np.where(outside, -np.sign(place - CENTRE) * np.maximum(np.abs(wanted), 3.0), wanted)
-        change = (wanted - velocity) / 0.3
-        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
-        acceleration = acceleration + (change - acceleration) * STEP_S / LAG_S
-        velocity, place = velocity + acceleration * STEP_S, place + velocity * STEP_S
-        places[k] = place
+        outside = np.abs(drone.place + drone.velocity - CENTRE) > EXTENT
+        wanted = np.where(outside, -np.sign(drone.place - CENTRE) * np.maximum(np.abs(wanted), 3.0), wanted)
+        places[k] = drone.fly(wanted)
     return _interpolated(places)
 
 
@@ -77,21 +95,16 @@ def lanes(seed: int, duration: float, speed: float = 6.0) -> Trajectory:
         speed (m/s): along the lanes.
     """
     random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
-    places, velocity, acceleration = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
     corners = [CENTRE + np.array([15.0 * (-1.0) ** ((k + 1) // 2), 8.0 * (k // 2 % 5) - 16.0, 0.3 * k + random.normal()])
                for k in range(100)]
-    place, corner, until = corners[0].copy(), 1, 0.0
+    places, drone, corner, until = np.zeros((count, 3)), _Drone(corners[0]), 1, 0.0
     for k in range(count):
-        offset = corners[corner] - place
+        offset = corners[corner] - drone.place
         away = float(np.linalg.norm(offset))
-        if away < 0.3 and float(np.linalg.norm(velocity)) < 0.5:
+        if away < 0.3 and float(np.linalg.norm(drone.velocity)) < 0.5:
             corner, until = corner + 1, k * STEP_S + random.uniform(0.0, 6.0)
         wanted = offset / max(away, 1e-9) * min(speed, math.sqrt(ACCELERATION * away)) if k * STEP_S > until else np.zeros(3)
-        change = (wanted - velocity) / 0.3
-        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
-        acceleration = acceleration + (change - acceleration) * STEP_S / LAG_S
-        velocity, place = velocity + acceleration * STEP_S, place + velocity * STEP_S
-        places[k] = place
+        places[k] = drone.fly(wanted)
     return _interpolated(places)
 
 
