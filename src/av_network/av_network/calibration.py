@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
-from av_network.hypothesis_filter import LEAST_SIGMA, RIG_SIZE
+from av_network.hypothesis_filter import RIG_SIZE, prior_of
 from av_network.motion_model import nearly_constant_velocity
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
@@ -93,11 +93,10 @@ class RigCalibration:
         self._position_sigmas.append(rig.position_sigma)
         self._slots.append(slot)
         if RIG_SIZE * slot == len(self.mean):
-            sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
-            drifts = (self._settings.heading_drift, self._settings.clock_drift)
+            covariance, drift = prior_of(rig, self._settings)
             self.mean = np.append(self.mean, np.zeros(RIG_SIZE))
-            self.covariance = block_diag(self.covariance, np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2))
-            self._drift = np.append(self._drift, np.square(drifts) * (sigmas > 0.0))
+            self.covariance = block_diag(self.covariance, covariance)
+            self._drift = np.append(self._drift, drift)
 
     def note(self, target: int, observation: Observation, state: NDArray[np.float64], time: float) -> bool:
         """Note an observation of a target; returns whether headings and clocks have changed.

@@ -90,18 +90,16 @@ class HypothesisFilter:
     def join(self, rig: RigSettings) -> int:
         """Take part in what follows; returns the rig's slot. Rigs with an exact heading and clock share one."""
         self._position_sigmas.append(rig.position_sigma)
-        sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
-        exact, n, new = not np.any(sigmas), self._offset, slice(self._offset, self._offset + RIG_SIZE)
+        exact, n, new = not (rig.heading_sigma or rig.clock_sigma), self._offset, slice(self._offset, self._offset + RIG_SIZE)
         if exact and self._exact is not None:
             self.slots.append(self._exact)
             return self._exact
         self.slots.append(n // RIG_SIZE)
         self._exact = self.slots[-1] if exact else self._exact
-        added = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
+        added, drift = prior_of(rig, self._settings)
         self.rig_mean = np.append(self.rig_mean, np.zeros(RIG_SIZE))
         self.rig_covariance = block_diag(self.rig_covariance, added)
-        drifts = np.array([self._settings.heading_drift, self._settings.clock_drift]) ** 2
-        self._drift = np.append(self._drift, drifts * (sigmas > 0.0))
+        self._drift = np.append(self._drift, drift)
         self.mean = np.insert(self.mean, [n] * RIG_SIZE, 0.0, axis=2)
         self.covariance = np.insert(np.insert(self.covariance, [n] * RIG_SIZE, 0.0, axis=2), [n] * RIG_SIZE, 0.0, axis=3)
         self.covariance[..., new, new] = added
@@ -295,6 +293,20 @@ class HypothesisFilter:
         n = self._offset
         begin = RIG_SIZE * self.slots[rig]
         return np.concatenate([np.arange(begin, begin + RIG_SIZE), np.arange(n, n + MEASURED_SIZE)])
+
+
+def prior_of(rig: RigSettings, settings: NetworkSettings) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Covariance (2, 2) of a rig's heading correction (rad) and clock offset (s), and how fast (1/s) their variances (2,) grow.
+
+    What is exact does not drift.
+
+    Parameters:
+        rig: what is known of it.
+        settings: see `NetworkSettings`.
+    """
+    sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
+    drifts = np.array([settings.heading_drift, settings.clock_drift])
+    return np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2), drifts**2 * (sigmas > 0.0)
 
 
 def _moments(modes: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]

@@ -60,7 +60,7 @@ class Cell:
         self._queue = ReportQueue(WAIT_S)
         self._first = (place[1] * grid.cells + place[0]) * NAMES
         self._names: dict[int, int] = {}
-        self._told: dict[int, float] = {}  # when each of the own tracks, by id, was published last
+        self._told: dict[int, float] = {}  # when own tracks, by id, were published last, within FRESH_S
         self._foreign: dict[int, _Foreign] = {}
         self.refused = 0
 
@@ -94,6 +94,7 @@ class Cell:
         known = self.tracker.states(now) if self.tracker.hypotheses else []
         states = [state for state in known if state.positioned and state.existence > 0.5]
         self._names = {state.target.id: self._names[state.target.id] for state in known if state.target.id in self._names}
+        self._told = {own: time for own, time in self._told.items() if now - time < FRESH_S}
         for state in states:
             self._name(state, now)
         tracks = [self._track(state, now) for state in states if self._is_ours(state, now)]
@@ -108,7 +109,7 @@ class Cell:
         away = {each.name: float(np.linalg.norm(each.position + (now - each.time) * each.velocity - state.mean[:3]))
                 for each in self._foreign.values()}
         nearest = min(away, key=away.__getitem__, default=name)
-        settled = now - self._told.get(own, -math.inf) < FRESH_S and name <= nearest
+        settled = own in self._told and name <= nearest
         if nearest != name and away[nearest] < gate and nearest not in used and not settled:
             self._names[own] = nearest
 
@@ -116,8 +117,7 @@ class Cell:
         """Whether a target is in the cell, or has left it and no neighbour tells of it."""
         if self._grid.cell_of(state.mean) == self.place:
             return True
-        name, left = self._names[state.target.id], now - self._told.get(state.target.id, -math.inf) < FRESH_S
-        return left and name not in self._foreign
+        return state.target.id in self._told and self._names[state.target.id] not in self._foreign
 
     def _track(self, state: TargetState, now: float) -> WorldTrack:
         self._told[state.target.id] = now
