@@ -19,7 +19,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tan
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
-from av_fusion.tracks.likelihood import Comparison, WorldDirection, nearness
+from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, nearness
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
 from av_fusion.tracks.past_state import Alternatives, PastState
 from av_fusion.tracks.settings import FilterSettings
@@ -299,7 +299,7 @@ def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDAr
     across, whole = [comparison.deviations[0] for comparison in comparisons], (component.modes @ shares).tolist()
     row = across[whole.index(max(whole))].row  # those of directions far away differ
     noises = np.array([np.maximum(d.totals - past.variances(d.row), d.noise) for d in across]).T
-    alternatives = Alternatives(np.array([d.innovations for d in across]).T, noises, shares)
+    alternatives = _alternatives(across, shares)._replace(variances=noises)
     component.accept(time, False, past, row, alternatives)
     component.update(past, row, alternatives, keep_elevation=comparisons[0].direction is None)
     known = [(j, one.direction) for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
@@ -339,14 +339,19 @@ def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float
     """Update a component by detections with their association probabilities (k, m)."""
     component, past, across = compared.component, compared.past, [parts[0] for parts in compared.deviations]
     row = min(compared.deviations, key=nearness)[0].row
-    alternatives = Alternatives(np.array([d.innovations for d in across]).T,
-                                np.array([[d.noise for d in across]] * len(shares)), shares)
+    alternatives = _alternatives(across, shares)
     # Errors of successive images are alike: together they say less than the filter, which moves on, makes of each.
     component.accept(image.time, True, past, row, alternatives._replace(variances=alternatives.variances / image.fraction))
     component.update(past, row, alternatives)
     known = [j for j, direction in enumerate(image.directions) if direction.is_known]
     if known:
         _update_elevation(component, past, [image.directions[j] for j in known], shares[:, known], image.time, image.fraction)
+
+
+def _alternatives(deviations: Sequence[Deviation], shares: NDArray[np.float64]) -> Alternatives:
+    """Measured values with the same noise in every mode, and the probabilities (k, m) that they belong here."""
+    return Alternatives(np.array([one.innovations for one in deviations]).T,
+                        np.array([[one.noise for one in deviations]] * len(shares)), shares)
 
 
 def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[WorldDirection],
@@ -365,8 +370,7 @@ def _update_elevation(component: GaussianComponent, past: PastState, known: Sequ
         past = component.at(past.lag, past.moved)
         ups = [direction.deviations(past)[1] for direction in known]
         row = ups[whole.index(max(whole))].row  # axes of directions far away differ
-        alternatives = Alternatives(np.array([up.innovations for up in ups]).T,
-                                    np.array([[up.noise for up in ups]] * len(shares)), shares)
+        alternatives = _alternatives(ups, shares)
         component.accept(time, fraction > 0.0, past, row,
                          alternatives._replace(variances=alternatives.variances / (fraction or 1.0)))
         component.update(past, row, alternatives)
