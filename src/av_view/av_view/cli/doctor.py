@@ -1,7 +1,8 @@
 """Look at this machine before the first launch: `ros2 run av_view doctor`.
 
-Says what is wrong, and the command that mends it. Exits with 0 where the rig can start, with 1 where something is an error, and
-with 2 for arguments that cannot be used.
+Says what is wrong, and the command that mends it. With --live it guides through two minutes beside the rig that runs, with
+claps, a turn, a marker and a walk, and writes a report. Exits with 0 where the rig can start, with 1 where something is an
+error, and with 2 for arguments that cannot be used.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from av_bringup.launching import CONFIG
 from av_common.rig import Rig
@@ -34,9 +36,18 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--seconds', type=float, default=3.0, help='to listen and to look')
     parser.add_argument('--clap', metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
     parser.add_argument('--json', action='store_true', help='print JSON')
+    live = parser.add_argument_group('a rig that runs')
+    live.add_argument('--live', action='store_true', help='test the whole chain step by step')
+    live.add_argument('--namespace', default='', metavar='NAME', help='of the rig')
+    live.add_argument('--report', type=Path, default=Path('doctor_report.md'), metavar='FILE', help='to write (%(default)s)')
+    live.add_argument('--marker-side', type=float, default=0.0, metavar='M', help='of the black square, for the focal length')
+    live.add_argument('--distance', type=float, default=1.0, metavar='M', help='of the marker ahead (%(default)g)')
     options = parser.parse_args(words)
     if not SECONDS[0] <= options.seconds <= SECONDS[1]:
         parser.error(f'--seconds is {options.seconds:g}, expected {SECONDS[0]:g} to {SECONDS[1]:g}')
+    if not (0.0 <= options.marker_side <= 10.0 and 0.1 <= options.distance <= 100.0):
+        parser.error(f'--marker-side {options.marker_side:g} and --distance {options.distance:g}, '
+                     'expected 0 to 10 m, and 0.1 to 100 m')
     if options.clap is not None:
         options.clap = math.radians(DIRECTIONS.get(options.clap, _number(options.clap)))
         if not abs(options.clap) <= math.tau:
@@ -52,11 +63,14 @@ def _number(word: str) -> float:
 
 
 def look(options: argparse.Namespace) -> list[Finding]:
-    """All findings, in the order of AREAS."""
+    """All findings: of a rig that runs those of its steps, else in the order of AREAS."""
     parameter_files = [str(CONFIG / 'rig_params.yaml'), *options.params]
     found, rig = judge_files(options.rig, parameter_files)
     if rig is None:  # whatever cannot be read has no settings for the rest
         return found
+    if options.live:
+        from av_view.cli.live import test_running  # what it needs of ROS takes a second to import
+        return test_running(rig, options)
     checks: dict[str, Callable[[], list[Finding]]] = {
         'files': lambda: found, 'devices': program.devices,
         'microphones': lambda: listen(options, rig, parameter_files),

@@ -143,5 +143,6 @@ def main(words: Sequence[str] | None = None) -> None:
     print(*(finding.lines() for finding in found), sep='\n')
     rig_file, parameter_file = folder / 'rig.yaml', folder / 'params.yaml'
     print(f'\nnow:   ros2 run av_view doctor --rig {rig_file} --params {parameter_file} --clap left\n'
-          f'then:  ros2 launch av_fusion rig.launch.py source:=hardware rig:={rig_file} params:={parameter_file} view:=true')
+          f'then:  ros2 launch av_fusion rig.launch.py source:=hardware rig:={rig_file} params:={parameter_file} view:=true\n'
+          f'and, beside it:  ros2 run av_view doctor --rig {rig_file} --live')
     sys.exit(int(any(finding.level == 'error' for finding in found)))

@@ -24,6 +24,7 @@ SPECTRUM = 4096  # samples
 EDGE_DB = 30.0  # least step at half of the given rate: resamplers stop by 60 dB, microphones fall by less
 CLAP_S = 0.02  # around the loudest moment
 CLAP_DB = 15.0  # above the rest of the recording
+CLAPS_APART_S = 0.4
 MOST_PERMUTED = 7  # microphones, whose orders are all tried
 MISFIT = 0.25  # of the array's aperture, up to which arrivals fit an order
 TIE = 0.1  # of the aperture, by which another order must fit better
@@ -112,9 +113,14 @@ def judge_clap(samples: NDArray, rate: float, array: MicrophoneArray, azimuth: f
         array: the array that the channels should be of.
         azimuth (rad): of the clap, counter-clockwise from ahead in the array's frame.
     """
-    clap = _loudest(samples, rate)
-    if clap is None:
+    heard = claps(samples, rate)
+    if not heard:
         return Finding(AREA, 'unknown', 'no clap was heard', 'clap louder or closer: --clap left')
+    return judge_order(heard[0], rate, array, azimuth)
+
+
+def judge_order(clap: NDArray, rate: float, array: MicrophoneArray, azimuth: float) -> Finding:
+    """Judge the order of the channels by the samples around one clap; arguments as for `judge_clap`."""
     arrivals = _arrivals(clap, rate)
     expected = -(array.positions @ angles_to_direction(np.array([azimuth]), np.zeros(1))[0]) / speed_of_sound(20.0)
     aperture = array.aperture / speed_of_sound(20.0)
@@ -133,15 +139,24 @@ def judge_clap(samples: NDArray, rate: float, array: MicrophoneArray, azimuth: f
                    f'{list(order)}', f'set channels of audio_node to {list(order)} of those chosen now, or turn the array')
 
 
-def _loudest(samples: NDArray, rate: float) -> NDArray | None:
-    """The samples around the beginning of the loudest sound; None where nothing is louder than the rest."""
-    power = np.square(samples).sum(axis=1)
+def claps(samples: NDArray, rate: float) -> list[NDArray]:
+    """The samples around the beginning of each sound that is much louder than the rest, the loudest first.
+
+    Parameters:
+        samples (n, channels): a recording.
+        rate (Hz): of the samples.
+    """
     length = max(int(CLAP_S * rate), 8)
-    smooth = np.convolve(power, np.full(length, 1.0 / length), 'same')
-    peak = int(smooth.argmax())
-    if smooth[peak] <= np.median(smooth) * 10.0 ** (0.1 * CLAP_DB):
-        return None
-    return samples[max(peak - length, 0):peak + length]
+    if len(samples) < 2 * length:
+        return []
+    power = np.concatenate([[0.0], np.cumsum(np.square(samples, dtype=float).sum(axis=1))])
+    smooth = (power[length:] - power[:-length]) / length  # from each sample on
+    least, apart, found = np.median(smooth) * 10.0 ** (0.1 * CLAP_DB), int(CLAPS_APART_S * rate), []
+    while (peak := int(smooth.argmax())) >= 0 and smooth[peak] > least:
+        middle = peak + length // 2
+        found.append(samples[max(middle - length, 0):middle + length])
+        smooth[max(peak - apart, 0):peak + apart] = 0.0
+    return found
 
 
 def _arrivals(clap: NDArray, rate: float) -> NDArray:
