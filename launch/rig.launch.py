@@ -142,8 +142,9 @@ def described_rig(arguments: Arguments) -> str:
         return str(CONFIG / 'rig.yaml')
     require('source:=sim', 'av_simulator')
     from av_simulator.config_files import find_config  # only where the simulator is installed
+    scenario = find_config(arguments['scenario'], 'scenarios')  # refused in a second, without what loads one
     from av_simulator.scenario import load_scenario
-    return str(find_config(load_scenario(find_config(arguments['scenario'], 'scenarios')).rig.description))
+    return str(find_config(load_scenario(scenario).rig.description))
 
 
 def simulator(arguments: Arguments) -> list[ExecuteProcess]:

@@ -10,6 +10,7 @@ import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -19,11 +20,13 @@ from av_audio.methods import DOA_METHODS, Direction, peak_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.track import State
+from av_evaluation.cli import evaluate, report
 from av_evaluation.runs.cases import Case
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.methods import TRACKERS
 from av_fusion.settings import make_tracker
+from av_vision.cli import detect
 from av_vision.methods import DETECTORS
 from av_vision.stage import make_detector
 
@@ -116,9 +119,12 @@ def test_what_is_seen_counts_from_tau(offered):
     assert (track.state, track.azimuth) == (State.VISUAL_ACTIVE, pytest.approx(0.3))
 
 
-def test_a_detector_of_another_package_sees(offered):
+def test_a_detector_of_another_package_sees(offered, tmp_path, capsys):
     image = np.full((120, 160, 3), 200, np.uint8)
     image[40:46, 100:112] = 10
+    cv2.imwrite(str(tmp_path / 'image.png'), image)
+    assert detect.main([str(tmp_path), '--model', 'dark_specks', '--quiet']) == 0
+    assert 'drone,0.6,100.0,40.0,12.0,6.0' in capsys.readouterr().out
     detections = make_detector(node_parameters('av_vision', 'detector_node', overrides={'model': 'dark_specks'})).detect(image)
     assert detections.boxes.tolist() == [[100, 40, 112, 46]] and detections.class_names == ('drone',)
 
@@ -134,15 +140,31 @@ def test_an_unknown_name_is_refused_with_those_installed(offered, make, known):
         make('magic')
 
 
-def test_the_code_of_a_method_is_part_of_the_key(monkeypatch, tmp_path):
-    module = tmp_path / 'changing_method.py'
-    module.write_text('def make(parameters, gimbal): pass')
+@pytest.mark.parametrize('program', [evaluate, report])
+def test_programs_refuse_an_unknown_detector_with_those_installed(offered, program, tmp_path, capsys):
+    inputs = ['circle'] if program is evaluate else ['--quick']
+    assert program.main([*inputs, '--model', 'magic', '--out', str(tmp_path)]) == 2
+    assert 'shipped, dark_specks' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('changed', ['one/method.py', 'one/weights.bin', 'helper.py'])
+def test_the_code_of_a_method_is_part_of_the_key(monkeypatch, tmp_path, changed):
+    """A package without __init__.py, its weights, another module of its distribution; also where parameters name it."""
+    for name, text in (('one/method.py', 'def make(parameters, gimbal): pass'), ('one/weights.bin', '1'), ('helper.py', ''),
+                       ('lab-1.dist-info/METADATA', 'Metadata-Version: 2.1\nName: lab\nVersion: 1'),
+                       ('lab-1.dist-info/top_level.txt', 'helper\none\n'),
+                       ('lab-1.dist-info/entry_points.txt', '[av_rig.trackers]\nchanging = one.method:make\n')):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(TRACKERS, '_places', {**TRACKERS._places, 'changing': 'changing_method:make'})
-    before, other = Case('circle', 1, ('changing',)).key, Case('circle', 1, ('fused',)).key
-    module.write_text('def make(parameters, gimbal): return None')
-    assert Case('circle', 1, ('changing',)).key != before
-    assert Case('circle', 1, ('fused',)).key == other
+    monkeypatch.delitem(vars(TRACKERS), '_places', raising=False)
+    parameters = tmp_path / 'params.yaml'
+    parameters.write_text('/**/fusion_node: {ros__parameters: {method: changing}}\n')
+    cases = [Case('circle', 1, ('changing',)), Case('circle', parameters=(str(parameters),)), Case('circle', 1, ('fused',))]
+    before = [case.key for case in cases]
+    (tmp_path / changed).write_text('x = 12345')
+    assert [case.key == key for case, key in zip(cases, before, strict=True)] == [False, False, True]
+    vars(TRACKERS).pop('_places')
 
 
 def test_an_installed_package_is_in_the_table(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,14 @@ from av_vision.yolo.region import Region
 DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:own_detector'})
 # Boxes (n, 4) as x1, y1, x2, y2 in pixels and scores (n,) of 0 to 1, of an image (height, width, 3), BGR.
 ImageMethod = Callable[[NDArray[np.uint8]], tuple[Any, Any]]
+
+
+def is_model_file(name: str) -> bool:
+    """Whether a detector is named by a file. Raises ValueError for an unknown name, with those that are installed."""
+    if name not in DETECTORS.names and (Path(name).suffix or Path(name).exists()):
+        return True
+    DETECTORS.check(name)
+    return False
 
 
 class ForeignDetector(Detector):

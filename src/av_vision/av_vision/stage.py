@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_
 from av_vision.encoded_image import MOST_PIXELS, check_pixels
 from av_vision.image import AutomaticGain
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
-from av_vision.methods import DETECTORS, ForeignDetector
+from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
@@ -189,7 +188,7 @@ def make_detector(parameters: Any) -> Detector:
     Raises ModelError or ValueError.
     """
     name = parameters.model or 'shipped'
-    if name not in DETECTORS.names and (Path(name).suffix or Path(name).exists()):
+    if is_model_file(name):
         return own_detector(parameters)
     made = DETECTORS.load(name)(parameters)
     return made if isinstance(made, Detector) else ForeignDetector(made, _settings(parameters), parameters.target_class)

@@ -14,6 +14,7 @@ from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.tracks import TrackFigures
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
+from av_vision.methods import is_model_file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +41,8 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     common = {'methods': tuple(options.methods), 'duration': options.duration}
     if options.oracle and options.model:
         raise ValueError('--oracle and --model exclude each other')
+    if options.model:
+        is_model_file(options.model)
     seeing = '' if options.oracle else options.model or 'shipped'
     return [case for name in inputs for case in (
         [Case(name, **common, model=options.model, stage=options.stage, parameters=tuple(options.params), remap=remap,

@@ -13,6 +13,7 @@ from av_evaluation.experiments.publication import cases_of, make_page, metrics_b
 from av_evaluation.metrics.comparison import format_rows, rows_of, write_json
 from av_evaluation.report.measured import measured_version, write_readme
 from av_evaluation.runs.program import add_run_options, compute, run_program
+from av_vision.methods import is_model_file
 
 SEEDS = 5
 
@@ -30,8 +31,12 @@ def report(options: argparse.Namespace) -> int:
               file=sys.stderr)
     seeds = options.seeds or (1 if options.quick else SEEDS)
     check_methods(tuple(options.methods))
+    if options.model:
+        is_model_file(options.model)
+        if options.readme:
+            raise ValueError('the README shows the shipped detector: --readme and --model exclude each other')
     methods = tuple(dict.fromkeys((*METHODS, *options.methods)))
-    runs, failures = compute(cases_of(seeds, options.quick, options.data, methods), options)
+    runs, failures = compute(cases_of(seeds, options.quick, options.data, methods, options.model), options)
     runs = {name: group for name, group in runs.items() if group}
     given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
     command, metrics = f'make report{given}', metrics_by_experiment(runs)
@@ -55,6 +60,8 @@ def make_parser() -> argparse.ArgumentParser:
     add('--quick', action='store_true', help='one run of each experiment')
     add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
     add('--methods', nargs='+', default=[], metavar='METHOD', help='methods of other packages, beside those of the publication')
+    add('--model', default='', help="a detector's ONNX file, or a detector of another package, in place of the shipped one; "
+        'with --quick, too, on rendered images')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
     add('--readme', type=Path, help='README whose table of measured values is updated')
     add('--measured', type=Path, default=Path('docs/measured/metrics.json'),

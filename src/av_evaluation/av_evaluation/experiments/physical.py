@@ -76,18 +76,19 @@ class StaticRig:
 
 
 def detection_stage(model: str) -> DetectionStage:
-    """The stage of detector_node with a model's ONNX file; '' or 'shipped' for the shipped one. Raises ModelError."""
+    """The stage of detector_node with a detector by name or file; '' for the shipped one. Raises ModelError or ValueError."""
     return make_detection_stage(node_parameters('av_vision', 'detector_node', (), {
-        'model': '' if model == 'shipped' else model, 'threads': 1}))
+        'model': model, 'threads': 1}))
 
 
-def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
+def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') -> tuple[RunLog, MeasurementRecord, list[str]]:
     """A real clip with real sound.
 
     Parameters:
         clip: name of the clip.
         data: folder of the recordings.
         estimators: further methods of direction finding to record.
+        model: the detector, see `detection_stage`.
 
     Raises FileNotFoundError without the recordings, OSError for a video that cannot be read.
     """
@@ -100,7 +101,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     array = calibrated_ears(azimuths, responses, rate, [another[:2 * rate]])
     voice = signal.resample_poly(recording, rate // 300, RATE // 300)
     sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
-    static, per_frame = StaticRig(array, rate, estimators, detection_stage('shipped')), round(rate / VIDEO_HZ)
+    static, per_frame = StaticRig(array, rate, estimators, detection_stage(model)), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()

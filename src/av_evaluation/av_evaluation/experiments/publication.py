@@ -49,7 +49,8 @@ PUBLISHED = {'circle': ('Published, simulated', '4.11°', '2.61° (52 %)', '3.28
 PUBLISHED_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
 
 
-def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = METHODS) -> dict[str, list[Case]]:
+def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = METHODS,
+             model: str = '') -> dict[str, list[Case]]:
     """The runs of the report by experiment.
 
     Parameters:
@@ -57,20 +58,21 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
         quick: whether to omit the runs with the detector and most recordings.
         data: folder of the recordings; where it does not exist, runs on recordings are omitted.
         methods: to evaluate.
+        model: detector in the place of the shipped one, also in a quick report; '' for the shipped one.
     """
     clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
     sound = (*SOUND_METHODS, *(name for name in methods if name not in METHODS and not is_tracker(name)))
     cases = {}
-    if not quick:
+    if not quick or model:
         for experiment in EXPERIMENTS:
             cases[f'{experiment.scenario}{DETECTOR}'] = [
-                Case(experiment.scenario, seed, methods, model='shipped') for seed in (1, 2)[:seeds]]
+                Case(experiment.scenario, seed, methods, model=model or 'shipped') for seed in (1, 2)[:seeds]]
     for experiment in EXPERIMENTS:
         cases[experiment.scenario] = [Case(experiment.scenario, seed, methods) for seed in range(1, seeds + 1)]
     for name in ('circle', 'tripod'):
         cases[f'{name}, rig still'] = [replace(case, follow=False) for case in cases[name][:max(seeds // 2, 1)]]
     if data.exists():
-        cases['filmed'] = [Case(f'{FILMED}{clip}', methods=methods, data=str(data)) for clip in CLIPS[:clips]]
+        cases['filmed'] = [Case(f'{FILMED}{clip}', methods=methods, data=str(data), model=model) for clip in CLIPS[:clips]]
         cases['room'] = [Case(f'{ROOM}{number}', methods=sound, data=str(data)) for number in range(rooms)]
     return cases
 

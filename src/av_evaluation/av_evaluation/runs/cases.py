@@ -18,7 +18,9 @@ import av_sim_bridge
 import av_simulator
 import av_vision
 from av_audio.localizer import LocalizerSettings
+from av_audio.methods import DOA_METHODS
 from av_evaluation.experiments.methods import code_of
+from av_fusion.methods import TRACKERS
 from av_simulator.config_files import find_config, shipped
 from av_vision.methods import DETECTORS
 from av_vision.models import shipped_model
@@ -80,6 +82,8 @@ class Case:
         """Digest of everything that the result depends on: case, files, detector, and code, also that of others' methods."""
         files = ('' if self.data else self.input, self.model, *self.parameters)
         others = [*code_of(self.methods), DETECTORS.code(self.model) if self.model != 'shipped' else '']
+        if self.parameters:  # which may name any of them
+            others += [group.code(name) for group in (DOA_METHODS, TRACKERS, DETECTORS) for name in group.others]
         content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code(), *others])
         return hashlib.sha256(content.encode()).hexdigest()[:12]
 

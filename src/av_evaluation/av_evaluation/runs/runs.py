@@ -40,7 +40,7 @@ def run_case(case: Case) -> RunResult:
 def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     """Log, record of measurements, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
-        return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods))
+        return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods), case.model)
     if case.input.startswith(ROOM):
         return room(int(case.input.removeprefix(ROOM)), Path(case.data), estimators_of(case.methods))
     return _replay(case) if case.is_bag else _simulate(case)

@@ -48,8 +48,10 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report
             number = running[future]
             try:
                 results[number] = future.result()
-            except Exception as error:  # noqa: BLE001  a failed run must not end the others
-                failures[cases[number].name] = str(error) or type(error).__name__
+            except (ValueError, OSError) as error:
+                failures[cases[number].name] = str(error)
+            except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
+                failures[cases[number].name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
             else:
                 results[number].key = keys[number][1]
                 results[number].save(out)

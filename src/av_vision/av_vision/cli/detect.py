@@ -13,10 +13,13 @@ from pathlib import Path
 import cv2
 from numpy.typing import NDArray
 
+from av_common.parameters import node_parameters
 from av_vision.drawing import draw
+from av_vision.methods import is_model_file
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Frame, Recording
+from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detections, Detector, DetectorSettings
 from av_vision.yolo.letterbox import letterbox
@@ -80,7 +83,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog='detect', description=__doc__)
     parser.add_argument('input', type=Path, help='video, image or folder of images')
-    parser.add_argument('--model', type=Path, help='ONNX file of a YOLO detector (default: the shipped one)')
+    parser.add_argument('--model', default='shipped', help='ONNX file of a YOLO detector, or the name of a detector of another '
+                        'package (default: %(default)s)')
     parser.add_argument('--classes', default='', metavar='A,B', help='classes of the model to be reported as drone, '
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
@@ -107,11 +111,22 @@ def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
                             slice_size=arguments.slice)
 
 
+def detector_of(arguments: argparse.Namespace) -> Detector:
+    """The detector that the command line names. Raises ModelError or ValueError."""
+    settings = settings_of(arguments)
+    if is_model_file(arguments.model):
+        return Detector(arguments.model, settings)
+    if arguments.model == 'shipped':
+        return Detector(shipped_model(), settings)
+    made: Detector = make_detector(node_parameters('av_vision', 'detector_node', overrides={
+        'model': arguments.model, 'score_threshold': arguments.threshold}))
+    return made
+
+
 def run(arguments: argparse.Namespace) -> list[str]:
     """Detect and write; returns what was left out. Raises ValueError, OSError or SourceError."""
     recording = Recording(arguments.input, arguments.rate)
-    detector = Detector(arguments.model or shipped_model(), settings_of(arguments))
-    temporal = TemporalDetector(detector, temporal_fusion=arguments.temporal_fusion)
+    temporal = TemporalDetector(detector_of(arguments), temporal_fusion=arguments.temporal_fusion)
     out = arguments.output.open('w', newline='') if arguments.output else sys.stdout
     video = VideoWriter(arguments.save_video, recording.rate) if arguments.save_video else None
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
