@@ -11,6 +11,7 @@ from geometry_msgs.msg import Point, Vector3
 from numpy.typing import NDArray
 
 from av_common.angles import angles_to_direction
+from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
 from av_network.network_target import TargetState
@@ -18,6 +19,8 @@ from av_network.report import Report, Sighting
 
 MOST_TRACKS = 50  # of one rig: its filter has no more
 LEAST_EXISTENCE = 0.5  # of a rig's target
+OLDEST_S = 2.0  # age of a message that is used
+MOST_POSITION_M = 1e6  # of a rig or target, along each axis
 LONGEST_S = 1.0  # from the first direction of a report to the newest one
 LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed
 LEAST_INFORMATION = 1.0 / (math.pi**2 / 3.0)  # 1/rad^2, of an angle that may be anything
@@ -29,6 +32,23 @@ def check_version(rig: str, version: int) -> None:
     if version != RigReport.VERSION:
         raise ValueError(f'{rig} reports by version {version}, expected {RigReport.VERSION}: install the same release on all '
                          'rigs')
+
+
+def check_age(sender: str, late: float, uncertain: float = FUTURE_S) -> None:
+    """Raise ValueError for a message of the past, or of the future.
+
+    Parameters:
+        sender: its name.
+        late (s): time from the stamp to the arrival.
+        uncertain (s): by which the sender's clock may be ahead.
+    """
+    if not -uncertain <= late <= OLDEST_S:
+        raise ValueError(f'stamp of {sender} {-late:+.2f} s from its arrival, expected {-OLDEST_S} to {uncertain:+.2f} s')
+
+
+def is_place(position: NDArray[np.floating[Any]]) -> bool:
+    """Whether a position (3,) (m) is one, and not absurd."""
+    return bool(np.all(np.abs(position) < MOST_POSITION_M))
 
 
 def version_of(data: bytes) -> int:

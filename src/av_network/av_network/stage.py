@@ -17,7 +17,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.geodesy import Datum, to_enu
 from av_network.hypothesis_filter import largest_sigmas
-from av_network.messages import check_version, direction_message, report_of, target_message
+from av_network.messages import check_age, check_version, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
@@ -29,9 +29,7 @@ SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 REPORTED = 0.5  # probability of existence from which a target is published
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
-OLDEST_S = 2.0  # age of a message that is used
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
-MOST_POSITION_M = 1e6  # of a rig, along each axis
 
 
 @dataclass(frozen=True)
@@ -132,11 +130,9 @@ class NetworkStage:
         statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
-        late = arrival - self.tracker.filter.corrected_time(index, stamp)
-        uncertain = FUTURE_S + CERTAIN * float(self.tracker.filter.rig_state(index)[1][1])
-        if not -uncertain <= late <= OLDEST_S:
-            raise ValueError(f'stamp of {rig} {-late:+.2f} s from its arrival, expected {-OLDEST_S} to {uncertain:+.2f} s')
-        if place.source == ODOMETRY and np.all(np.abs(message.position) < MOST_POSITION_M):
+        check_age(rig, arrival - self.tracker.filter.corrected_time(index, stamp),
+                  FUTURE_S + CERTAIN * float(self.tracker.filter.rig_state(index)[1][1]))
+        if place.source == ODOMETRY and is_place(message.position):
             self._positions[rig] = place.position + message.position
         if rig not in self._positions:
             statistics.unplaced += 1

@@ -6,12 +6,16 @@ import re
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import Header
 
-from av_interfaces.msg import RigReport
-from av_network.city.cell import Cell, all_cells
+from av_common.stamps import to_stamp
+from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
+from av_network.city.cell import NAMES, Cell, all_cells
 from av_network.city.grid import Grid
 from av_network.city.world import Names, World
 
@@ -48,11 +52,11 @@ def test_drones_keep_their_names_across_borders():
         for rig, part in enumerate(parts):
             message = world.report(rig, time + 0.01 * rig, 1000.0)
             for cell in takers[part]:
-                cell.on_report(f'rig{rig}', message)
+                cell.on_report(f'rig{rig}', message, 1000.0 + time + 0.1)
         for cell in cells.values():
             message = cell.output(1000.0 + time + 0.2)
             for other in GRID.neighbours(cell.place):
-                cells[other].on_tracks(message)
+                cells[other].on_tracks(message, 1000.0 + time + 0.2)
             for one in message.tracks:
                 names.take(one.id, time + 0.2, np.array([one.position.x, one.position.y, one.position.z]),
                            np.array([one.velocity.x, one.velocity.y, one.velocity.z]))
@@ -62,14 +66,63 @@ def test_drones_keep_their_names_across_borders():
     assert names.found > 0.95 * names.looks and names.twice < 0.05 * names.looks
 
 
-def test_what_is_no_place_is_not_used():
-    """A report without a place changes nothing; one of another version is refused."""
+@pytest.mark.parametrize(('place', 'late'), [(np.nan, 0.1), (-1e30, 0.1), (0.0, -0.3), (0.0, 2.5), (0.0, -1e9)])
+def test_a_report_without_a_place_or_of_another_time_is_refused(place, late):
+    """Nothing of it is left: one from the future would make all others' reports late."""
     cell, message = Cell((0, 0), GRID), World(GRID, 14, 2, 3).report(0, 0.0, 1000.0)
-    message.position[0] = np.nan
-    cell.on_report('rig', message)
+    message.position[1] = place or message.position[1]
+    with pytest.raises(ValueError, match=r'rig is at|stamp of rig'):
+        cell.on_report('rig', message, 1000.0 + late)
     assert not cell.tracker.rigs
     with pytest.raises(ValueError, match='rig reports by version 0'):
-        cell.on_report('rig', RigReport())
+        cell.on_report('rig', RigReport(), 0.0)
+
+
+def neighbours_track(**values):
+    """A track as a cell publishes it, but for some values."""
+    track = WorldTrack(id=2 * NAMES + 7, existence=0.9, positioned=True, position=Point(x=60.0, y=50.0, z=40.0),
+                       velocity=Vector3(x=12.0), position_covariance=np.diag([2.0, 2.0, 4.0]).ravel(),
+                       velocity_covariance=np.eye(3).ravel())
+    for name, value in values.items():
+        setattr(track, name, value)
+    return track
+
+
+@pytest.mark.parametrize('values', [
+    {'position': Point(x=np.nan)}, {'position': Point(z=np.inf)}, {'position': Point(y=-3e7)}, {'velocity': Vector3(y=np.nan)},
+    {'velocity': Vector3(x=-4e3)}, {'position_covariance': np.full(9, np.nan)},
+    {'position_covariance': np.diag([1.0, -1.0, 1.0]).ravel()}, {'position_covariance': np.diag([1e12, 1.0, 1.0]).ravel()},
+    {'position_covariance': np.arange(9.0)},
+    {'velocity_covariance': np.full(9, np.inf)}, {'existence': np.nan}, {'existence': 3.0}, {'existence': -1.0},
+    {'positioned': False}, {'id': 0}, {'id': 4 * NAMES}], ids=lambda values: '-'.join(values))
+def test_a_track_that_no_cell_publishes_is_refused(values):
+    """With the whole message, and what was known stays."""
+    cell = Cell((0, 0), GRID)
+    cell.on_tracks(message_of(neighbours_track()), 1000.1)
+    with pytest.raises(ValueError, match="a neighbour's track"):
+        cell.on_tracks(message_of(neighbours_track(id=9), neighbours_track(**values)), 1000.1)
+    assert list(cell._foreign) == [2 * NAMES + 7]
+
+
+def message_of(*tracks, stamp=1000.0):
+    return WorldTrackArray(header=Header(stamp=to_stamp(stamp)), tracks=list(tracks))
+
+
+def test_tracks_of_another_time_or_without_number_are_refused():
+    """A name from the future would last for ever; floods of names do not fill the memory."""
+    cell, known = Cell((0, 0), GRID), message_of(neighbours_track())
+    for late in (-0.5, -1e8, 3.0):
+        with pytest.raises(ValueError, match='stamp of a neighbour'):
+            cell.on_tracks(known, 1000.0 + late)
+    cell.on_tracks(known, 1000.0)
+    cell.on_tracks(message_of(neighbours_track(position=Point(x=1.0)), stamp=999.0), 1000.0)
+    assert cell._foreign[2 * NAMES + 7].position[0] == 60.0, 'an older message does not replace a newer one'
+    with pytest.raises(ValueError, match='more than 100 targets'):
+        cell.on_tracks(message_of(*(neighbours_track(id=number) for number in range(1, 200))), 1000.0)
+    for first in range(1, 3000, 100):
+        with suppress(ValueError):
+            cell.on_tracks(message_of(*(neighbours_track(id=number) for number in range(first, first + 100))), 1000.0)
+    assert len(cell._foreign) <= 800
 
 
 @pytest.mark.system

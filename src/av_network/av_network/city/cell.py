@@ -14,7 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
 from av_network.city.grid import Grid
-from av_network.messages import check_version, report_of, target_message
+from av_network.messages import check_age, check_version, is_place, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
@@ -22,8 +22,11 @@ from av_network.tracker import NetworkTracker
 
 MARGIN_M = 30.0  # beyond its border to which a cell tracks, so that it has a track before it takes it over
 WAIT_S = 0.5  # for late reports
+PUBLISHED = 0.5  # probability of existence above which a target is published
 FRESH_S = 2.0  # age of a neighbour's track, or of an own one, whose name counts
-MOST_RIGS = 500  # of one cell
+MOST_RIGS, MOST_TARGETS = 500, 100  # of one cell
+NEIGHBOURS = 8
+MOST_SPEED = 200.0  # m/s; the fastest multirotors reach 180 (records of 2025)
 NAMES = 2**16  # of a cell: its number times this, and the number of its track
 SAME_M = 5.0  # between two cells' estimates of one target at the least, as their rigs differ
 SAME_SIGMAS = 4.0
@@ -47,7 +50,6 @@ class Cell:
 
     Attributes:
         tracker: the tracker.
-        refused: number of reports that could not be used.
 
     Parameters:
         place: (east, north) in the grid.
@@ -62,16 +64,18 @@ class Cell:
         self._names: dict[int, int] = {}
         self._told: dict[int, float] = {}  # when own tracks, by id, were published last, within FRESH_S
         self._foreign: dict[int, _Foreign] = {}
-        self.refused = 0
 
-    def on_report(self, rig: str, message: RigReport) -> None:
-        """Take a rig's report, with its place in the city. Raises ValueError for what cannot be used."""
+    def on_report(self, rig: str, message: RigReport, arrival: float) -> None:
+        """Take a rig's report, with its place in the city, on its arrival (s). Raises ValueError for what cannot be used."""
         check_version(rig, message.version)
+        check_age(rig, arrival - to_seconds(message.header.stamp))
         position = np.array(message.position, float)
+        if not is_place(position):
+            raise ValueError(f'{rig} is at {position} m')
         report = report_of(message, rig, position, 0.0)
         near = tuple(one for one in report.sightings if self._grid.passes(
             self.place, position, angles_to_direction(one.azimuth, one.elevation), MARGIN_M))
-        if not near or not np.all(np.isfinite(position)):
+        if not near:
             return
         if rig not in self.tracker.rigs:
             if len(self.tracker.rigs) >= MOST_RIGS:
@@ -79,12 +83,26 @@ class Cell:
             self.tracker.join(RigSettings(rig, 0.0, 0.0))
         self._queue.put(report._replace(sightings=near), report.time)
 
-    def on_tracks(self, message: WorldTrackArray) -> None:
-        """Take what a neighbour has published."""
+    def on_tracks(self, message: WorldTrackArray, arrival: float) -> None:
+        """Take what a neighbour has published, on its arrival (s). Raises ValueError for what no cell publishes."""
         time = to_seconds(message.header.stamp)
-        for one in message.tracks:
-            position, velocity = (np.array([part.x, part.y, part.z]) for part in (one.position, one.velocity))
-            self._foreign[one.id] = _Foreign(one.id, position, velocity, time)
+        check_age('a neighbour', arrival - time)
+        found = {one.id: self._foreign_of(one, time) for one in message.tracks[:MOST_TARGETS]}
+        known = {name: each for name, each in self._foreign.items() if arrival - each.time < FRESH_S}
+        self._foreign = known | {name: each for name, each in found.items() if name not in known or known[name].time < time}
+        if len(message.tracks) > MOST_TARGETS or len(self._foreign) > NEIGHBOURS * MOST_TARGETS:
+            self._foreign = known
+            raise ValueError(f'more than {MOST_TARGETS} targets of a neighbour')
+
+    def _foreign_of(self, one: WorldTrack, time: float) -> _Foreign:
+        position, velocity = (np.array([part.x, part.y, part.z]) for part in (one.position, one.velocity))
+        if not (one.positioned and PUBLISHED < one.existence <= 1.0 and 0 < one.id < self._grid.cells**2 * NAMES):
+            raise ValueError(f"a neighbour's track {one.id} without a position, a probability or a name")
+        if not (is_place(position) and np.linalg.norm(velocity) < MOST_SPEED
+                and _is_covariance(one.position_covariance, self.tracker.settings.most_sigma)
+                and _is_covariance(one.velocity_covariance, MOST_SPEED)):
+            raise ValueError(f"a neighbour's track {one.id} at {position} m, {velocity} m/s, which cannot be")
+        return _Foreign(one.id, position, velocity, time)
 
     def output(self, now: float) -> WorldTrackArray:
         """The targets in the cell at a time (s)."""
@@ -92,7 +110,7 @@ class Cell:
             self.tracker.use(report)
         self._foreign = {name: each for name, each in self._foreign.items() if now - each.time < FRESH_S}
         known = self.tracker.states(now) if self.tracker.hypotheses else []
-        states = [state for state in known if state.positioned and state.existence > 0.5]
+        states = [state for state in known if state.positioned and state.existence > PUBLISHED]
         self._names = {state.target.id: self._names[state.target.id] for state in known if state.target.id in self._names}
         self._told = {own: time for own, time in self._told.items() if now - time < FRESH_S}
         for state in states:
@@ -124,6 +142,13 @@ class Cell:
         message = target_message(state, [f'{k}' for k in range(len(self.tracker.rigs))])
         message.id, message.rigs = self._names[state.target.id], []
         return message
+
+
+def _is_covariance(values: NDArray[np.float64], most: float) -> bool:
+    """Whether (9,), row-major, are a covariance, of standard deviations up to `most` along each axis."""
+    matrix = np.asarray(values, float).reshape(3, 3)
+    return bool(np.all(np.abs(matrix) <= most**2) and np.allclose(matrix, matrix.T, rtol=1e-3)
+                and np.linalg.eigvalsh(matrix)[0] >= -1e-6 * np.trace(matrix))
 
 
 def all_cells(grid: Grid, share: int, shares: int) -> Sequence[tuple[int, int]]:

@@ -182,11 +182,11 @@ def _use(cells: Sequence[Cell], key: str, data: bytes, counts: dict[str, int]) -
         if key.startswith(TRACKS):
             tracks = deserialize_message(data, WorldTrackArray)
             for cell in cells:
-                cell.on_tracks(tracks)
+                cell.on_tracks(tracks, time.time())
             return None
         message = deserialize_message(data, RigReport)
         for cell in cells if message.directions else ():
-            cell.on_report(key.rsplit('/', 1)[1], message)
+            cell.on_report(key.rsplit('/', 1)[1], message, time.time())
         return to_seconds(message.header.stamp)
     except Exception:  # noqa: BLE001 - whatever comes from outside
         counts['refused'] += 1
