@@ -23,6 +23,33 @@ class Instant(NamedTuple):
     ros: float
 
 
+class CaptureClock:
+    """Capture times by the steady clock, of stamps of a node's clock that may be set back by too little to be noticed.
+
+    What a clock showed ahead of the steady one counts until DISTRUST_S after the clock was set back: what was captured before
+    is never taken for newer than it is, however often that happens.
+    """
+
+    def __init__(self) -> None:
+        self._ahead: deque[tuple[float, float]] = deque()  # (until when, by what), of what was ahead further than later
+
+    def note(self, now: Instant) -> None:
+        """Note both clocks."""
+        ahead = now.ros - now.steady
+        if self._ahead:
+            self._ahead[-1] = now.steady, self._ahead[-1][1]
+        while self._ahead and self._ahead[-1][1] <= ahead:
+            self._ahead.pop()
+        self._ahead.append((now.steady, ahead))
+        while self._ahead[0][0] < now.steady - DISTRUST_S:
+            self._ahead.popleft()
+
+    def captured(self, stamp: float, now: Instant) -> float:
+        """When (s, steady) a message with a stamp (s) that arrives `now` was captured, at the latest."""
+        ahead = max(self._ahead[0][1] if self._ahead else -math.inf, now.ros - now.steady)
+        return min(stamp - ahead, now.steady)
+
+
 class FreshInput:
     """Notes when the stamps of an input advance.
 
@@ -36,10 +63,12 @@ class FreshInput:
 
     Parameters:
         latency (s): delay from capture to arrival that adds nothing to the age.
+        clock: gives capture times; by default one that knows no more than the time of arrival.
     """
 
-    def __init__(self, latency: float = 0.0) -> None:
+    def __init__(self, latency: float = 0.0, clock: CaptureClock | None = None) -> None:
         self.refused = 0
+        self._clock = clock or CaptureClock()
         self._latency = latency
         self._future: deque[float] = deque(maxlen=REMEMBERED)
         self._newest = self._captured = self._fresh = self._distrusted = -math.inf
@@ -62,7 +91,7 @@ class FreshInput:
         self._newest = stamp
         if now.steady - self._distrusted < DISTRUST_S:
             return False
-        captured = now.steady - max(now.ros - stamp, 0.0)
+        captured = self._clock.captured(stamp, now)
         if captured <= self._captured:
             return False
         self._captured, self._fresh = captured, min(captured + self._latency, now.steady)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from av_common.freshness import FreshInput, Instant
+from av_common.freshness import CaptureClock, FreshInput, Instant
 
 START = 1.7e9
 
@@ -84,3 +84,24 @@ def test_what_was_captured_before_the_clock_stepped_forth_is_not_new():
     assert data.take(START - 0.1, at(0.0)) and data.captured_age(at(0.2)) == pytest.approx(0.3, abs=1e-6)
     assert not data.take(START + 2.25 - 0.9, at(0.25, 2.25)) and data.age(at(0.25, 2.25)) == 0.25
     assert data.take(START + 2.3 - 0.1, at(0.3, 2.3)) and data.age(at(0.3, 2.3)) == 0.0
+
+
+@pytest.mark.parametrize('steps', [[0.1], [0.1, 0.1, 0.1], [0.05] * 8, [-2.0, 0.09, 0.09]])
+def test_steps_back_that_nobody_notices_make_nothing_newer(steps):
+    """A node looks at its clocks 50 times a second while its clock is set back; what was captured before is as old as it is."""
+    clock, behind, captured = CaptureClock(), 0.0, {}
+    data = FreshInput(math.inf, clock)
+    for k in range(50):
+        time = 0.02 * k
+        if k % 5 == 4 and steps:
+            behind += steps.pop()
+        now = at(time, time - behind)
+        clock.note(now)
+        captured[k] = now.ros
+        if k >= 25:
+            assert clock.captured(captured[k - 25], now) <= 50.0 + time - 0.5 + 1e-6
+            data.take(captured[k - 25], now)
+            assert data.captured_age(now) >= 0.5 - 1e-6
+    for k in range(50, 120):
+        clock.note(at(0.02 * k, 0.02 * k - behind))
+    assert clock.captured(now.ros + 1.0, at(2.4, 2.4 - behind)) == pytest.approx(50.0 + time + 1.0, abs=1e-6)

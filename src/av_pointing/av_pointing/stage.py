@@ -13,7 +13,7 @@ from std_msgs.msg import Float32, Header
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
 from av_common.frames import attitude_of
-from av_common.freshness import FUTURE_S, REMEMBERED, FreshInput, Instant
+from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
@@ -49,7 +49,8 @@ class PointingStage:
         self._track: Track | None = None
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._stated: dict[float, tuple[float, float]] = {}  # by `measured`: when it was first stated and captured (steady)
-        self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
+        self._clock = CaptureClock()
+        self._measured, self._odometry, self._cued = (FreshInput(latency, self._clock) for latency in (math.inf, 0.0, math.inf))
         self._cue: Look | None = None
         self.contested: Mapping[str, list[str]] = {}
 
@@ -66,13 +67,14 @@ class PointingStage:
             arrival: time of its arrival.
         """
         track = track_of_bearing(message)
+        self._clock.note(arrival)
         if 'target/bearing' in self.contested:
             self._measured.skip(track.measured, arrival)
             return self.on_time(arrival)
         self._track = track
         ahead = track.time - arrival.ros
         self._arrived, self._late = arrival.steady, ahead if ahead > FUTURE_S else max(-ahead, 0.0)
-        self._stated.setdefault(track.measured, (arrival.steady, arrival.steady - max(arrival.ros - track.measured, 0.0)))
+        self._stated.setdefault(track.measured, (arrival.steady, self._clock.captured(track.measured, arrival)))
         while len(self._stated) > REMEMBERED and next(iter(self._stated)) != track.measured:
             del self._stated[next(iter(self._stated))]
         if track.state != State.NONE:
@@ -118,6 +120,7 @@ class PointingStage:
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
+        self._clock.note(now)
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
                     self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now),
                     self._is_supported(now))

@@ -132,7 +132,8 @@ class PointingNode(RigNode):
         self._publisher.publish(command)
 
     def _instant(self) -> Instant:
-        return Instant(time.monotonic(), self.now())
+        ros = self.now()  # first: a pause of this thread in between makes nothing newer than it is
+        return Instant(time.monotonic(), ros)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report the rates of the inputs and the newest command."""
