@@ -7,10 +7,8 @@ import os
 import subprocess
 
 import pytest
-from machine_load import skip_figures_where_overloaded, slowness
 from udp_ports import free_offset
 
-from av_evaluation.attack.program import IN_TIME
 from av_evaluation.cli.attack import KINDS
 
 pytestmark = pytest.mark.system
@@ -18,7 +16,7 @@ LONGEST_S = 600.0    # on a machine with much else to do; some 100 s without
 
 
 def test_a_short_attack_breaks_nothing(tmp_path):
-    """No death, no bad command, no wrong motion, no growth; tracking is back in time where the machine has time."""
+    """No death, no bad command, no wrong motion, no growth; tracking is back in time, by what the machine gave."""
     ran = subprocess.run(['ros2', 'run', 'av_evaluation', 'attack', '--minutes', '1', '--out', str(tmp_path),
                           '--port-offset', str(free_offset())],
                          env={name: value for name, value in os.environ.items() if name != 'AV_STRICT'},    # as users run it
@@ -30,11 +28,4 @@ def test_a_short_attack_breaks_nothing(tmp_path):
     assert done == {*KINDS}
     sent = {target for result in report['results'] for target, number in result['sent'].items() if number}
     assert sent >= {'/doa', '/odometry', '/pointing/command', 'audio', 'image', 'control', '/fusion_node'}
-    failed = {verdict: reasons for verdict, reasons in report['verdicts'].items() if reasons}
-    failed.pop(IN_TIME, None)    # judged below, by the machine's load
-    assert not failed
-    skip_figures_where_overloaded()
-    late = {result['name']: (result['recovery'], result['late']) for result in report['results']
-            if result['late'] or not (result['recovery'] or 0.0) <= result['most_recovery'] * slowness()}
-    never = [result['name'] for result in report['results'] if result['recovery'] is None]
-    assert not late and not never
+    assert not ran.returncode and not any(report['verdicts'].values())

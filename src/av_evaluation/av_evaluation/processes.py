@@ -115,10 +115,26 @@ class MarkedProcesses:
                 found[number] = self._name if number == self.process.pid else name_of(number)
         return found
 
+    def run_times(self) -> dict[int, tuple[float, float]]:
+        """For each thread, by its id, how long (s) it has run and has waited for a processor (schedstat of Linux)."""
+        found = {}
+        for process_id in self.alive():
+            for file in (Path('/proc') / str(process_id) / 'task').glob('*/schedstat'):
+                with suppress(OSError):   # ended meanwhile
+                    ran, waited = map(int, file.read_text().split()[:2])
+                    found[int(file.parent.name)] = 1e-9 * ran, 1e-9 * waited
+        return found
+
     def signal(self, number: int) -> None:
         """Send a signal to every process that runs."""
         for process_id in self.alive():
             _send(process_id, number)
+
+
+def slowdown(before: Mapping[int, tuple[float, float]], after: Mapping[int, tuple[float, float]]) -> float:
+    """How much longer what threads computed has taken than on a machine of their own, by two of `run_times`."""
+    ran, waited = (sum(times[k] - before.get(thread, (0.0, 0.0))[k] for thread, times in after.items()) for k in (0, 1))
+    return 1.0 + waited / ran if ran > 0.0 else 1.0
 
 
 @contextmanager

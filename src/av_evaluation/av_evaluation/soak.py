@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import csv
+import math
+import re
+import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
 
 from av_bags.reader import Bag
 from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
@@ -17,6 +23,8 @@ from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
 WINDOW_S = 60.0     # medians are taken over this much time
 # Counters of the bridge that stay 0 on one machine.
 LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
+PAGE_S = 60.0       # for the launch to end, and the page before
+ADDRESS = re.compile(r'the rig in your browser: http://([^/ ]+)/')
 DYING_S = 10.0      # processes that end this shortly before the rig has ended were ended by it
 
 
@@ -93,6 +101,42 @@ class ProcessHistory:
             if low != high:
                 found.append(f'{low} to {high} {quantity}')
         return found
+
+
+class PageViewer:
+    """A viewer of the page, in a thread: asks for one update after the other, as a browser does.
+
+    Attributes:
+        updates: number of states that the page has sent.
+
+    Parameters:
+        log: file with what the rig prints, which names the address.
+    """
+
+    def __init__(self, log: Path) -> None:
+        self._log, self.updates, self._newest = log, 0, -math.inf
+        threading.Thread(target=self._look, daemon=True).start()
+
+    @property
+    def waits(self) -> bool:
+        """Whether there was no state within the last PAGE_S."""
+        return time.monotonic() - self._newest > PAGE_S
+
+    def _look(self) -> None:
+        while True:
+            found = ADDRESS.findall(self._log.read_text(errors='replace'))
+            with suppress(OSError, WebSocketException):
+                for address in found[-1:]:
+                    self._follow(f'ws://{address}/feed')
+            time.sleep(1.0)
+
+    def _follow(self, address: str) -> None:
+        with connect(address, max_size=None) as connection:
+            connection.send('{"do": "next"}')
+            for message in connection:
+                if isinstance(message, str) and message.startswith('{"type":"state"'):
+                    self.updates, self._newest = self.updates + 1, time.monotonic()
+                    connection.send('{"do": "next"}')
 
 
 def watch(rig: MarkedProcesses, seconds: float, period: float = 5.0,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
+import sys
+import time
 from dataclasses import replace
 
 import pytest
@@ -11,6 +14,7 @@ from nav_msgs.msg import Odometry
 from av_common.stamps import to_stamp
 from av_evaluation.attack.judges import BearingCheck, CommandJudge, CommandLimits, Findings
 from av_evaluation.attack.program import IN_TIME, Result, verdicts
+from av_evaluation.processes import MarkedProcesses, slowdown
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Command, Mode, PointingSettings
 
@@ -111,3 +115,24 @@ def test_verdicts_name_what_failed():
                  faults=['not active'])
     assert all(verdicts([good, bad], {'doa_node': 25.0}).values())
     assert verdicts([Result('kill', recovery=None)], {})[IN_TIME]
+
+
+def test_times_are_judged_by_what_the_machine_gave():
+    """A rig whose threads wait three times as long as they run may take four times as long; one without other load may not."""
+    before = {1: (1.0, 5.0), 2: (2.0, 0.0)}
+    busy = slowdown(before, {1: (2.0, 8.0), 3: (1.0, 3.0)})    # 2 has ended, 3 is new
+    assert busy == pytest.approx(4.0) and slowdown(before, before) == 1.0
+    for slow, late in ((1.0, 2), (busy, 0)):
+        result = Result('kill', recovery=3.9, respawn=7.9, most_recovery=1.0, slowdown=slow)
+        assert len(result.late) == len(verdicts([result], {})[IN_TIME]) == late
+
+
+def test_run_times_are_those_of_the_system():
+    """A program that computes has run; its threads are found."""
+    one = MarkedProcesses([sys.executable, '-c', 'while True: pass'])
+    try:
+        while sum(ran for ran, _ in one.run_times().values()) < 0.05:
+            time.sleep(0.01)
+    finally:
+        one.signal(signal.SIGKILL)
+        one.process.wait()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from random import Random
 from typing import Any
 
@@ -30,14 +31,21 @@ from av_interfaces.msg import Bearing, Doa, DoaArray, PointingCommand
 from av_pointing.stage import make_pointing_stage
 
 METHODS = ('bayes', 'bayes', 'gated')    # the default one in two of three sequences
-STEPS_S = (0.0, 0.02, 0.05, 0.5, -0.1, 30.0, -3.0, -100.0)
-STEP_SHARES = (0.1, 0.5, 0.3, 0.05, 0.02, 0.01, 0.01, 0.01)
+# One of 61 s is more than the stage fills with predictions (LONGEST_SILENCE_S), which take most of the time.
+STEPS_S = (0.0, 0.02, 0.05, 0.5, -0.1, 5.0, 61.0, -3.0, -100.0)
+STEP_SHARES = (0.1, 0.5, 0.3, 0.05, 0.02, 0.005, 0.005, 0.01, 0.01)
 SHARES = (0.0, 0.0, 0.02, 0.2)    # of a message's fields that are hostile
 INPUTS = {DoaArray: 'doa', Detection2DArray: 'detections', Odometry: 'odometry'}
 CONTESTED_SHARE = 0.01    # of the messages with which an input gets a second publisher, for a while
 FINITE = ('azimuth', 'elevation', 'azimuth_world', 'azimuth_world_rate', 'requested_rotation')
 STANDS_S, OLDEST_S = 0.3, 1.0    # from the arrival of a measurement or pose, and from its capture, at which the body stands
 SAME_S = 1e-6    # stamps of one measurement
+
+
+@cache
+def parameters(package: str, node: str, **overrides: Any) -> Any:
+    """The parameters of a node, which are read from files once."""
+    return node_parameters(package, node, overrides=overrides)
 
 
 class Witness:
@@ -92,12 +100,13 @@ class Mixture:
     """
 
     def __init__(self, seed: int) -> None:
-        self._random, self._steady, self._now = Random(seed), 100.0, 1000.0 + 1e5 * seed    # of which the latter may step back
+        self._random, self._steady = Random(seed), 100.0
+        self._now = self._random.uniform(1e3, 2e9)    # by the clock that may step back
         self._hostile = HostileValues(self._random, lambda: self._now)
         method = self._random.choice(METHODS)
-        self._fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': method}),
+        self._fusion = make_fusion_stage(parameters('av_fusion', 'fusion_node', method=method),
                                          lambda frame, time: np.eye(3), CameraMount().model)
-        self._pointing = make_pointing_stage(node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True}))
+        self._pointing = make_pointing_stage(parameters('av_pointing', 'pointing_node', enabled=True))
         self._limits, self._witness, self._before = CommandLimits(self._pointing.controller.settings, ROUNDING), Witness(), 0.0
         self._bearing: Bearing | None = None
         self._rate, self._justified = 0.0, -math.inf    # of the newest command, and when one was justified

@@ -21,17 +21,19 @@ from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import connected
 from av_evaluation.attack.observer import Observer
 from av_evaluation.attack.worker import Worker, WorkerError, answer
-from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample
+from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
 MESSAGE_RATE, DATAGRAM_RATE, REQUEST_RATE = 30.0, 60.0, 20.0    # Hz, to each topic, to each port, of all requests
-START_S, PATIENCE_S, SETTLE_S = 90.0, 12.0, 11.0    # in which the rig tracks first, tracks again, faces the target
+START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
 STOPPED_S = 2.0            # for which a process is stopped
 STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
 ANSWER_S = 30.0            # for which a worker may be late
 MOST_GROWTH = 20.0         # MiB, of a process over all attacks
-MOST_RECOVERY_S, MOST_RECOVERY_PROCESS_S, MOST_RESPAWN_S = 1.0, 3.0, 2.0
+# Where nothing waits for a processor. The latter also after attacks during which no input is used: the newest second of sound
+# decides whether it is that of a drone, and the body, which stood still, turns until the camera sees it.
+MOST_RESPAWN_S, MOST_RECOVERY_S, MOST_RECOVERY_PROCESS_S = 2.0, 1.0, 3.0
 OLD_S = 10.0               # age from which a process has all the memory that it needs
 NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
 COMMANDS = '/pointing/command'
@@ -52,9 +54,11 @@ class Result:
         found: commands that were bad, or moved what must not move.
         ended (s): time of its end, of a kill that of the signal; None until then.
         recovery (s): from the end until tracking was back; None where it did not come back.
-        most_recovery (s): that is permitted.
+        most_recovery (s): that is permitted, on a machine on which nothing waits for a processor.
+        respawn (s): from a kill until the process was back; inf where it was not.
+        slowdown: of the rig by other load, from the start of the attack until tracking was back.
         meanwhile: bearings until then by what was wrong with them.
-        faults, late: further reasons why the attack succeeded; `late` those that a busy machine alone may cause.
+        faults: further reasons why the attack succeeded.
     """
 
     name: str
@@ -64,9 +68,22 @@ class Result:
     ended: float | None = None
     recovery: float | None = None
     most_recovery: float = MOST_RECOVERY_S
+    respawn: float = 0.0
+    slowdown: float = 1.0
     meanwhile: dict[str, int] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
-    late: list[str] = field(default_factory=list)
+
+    @property
+    def late(self) -> list[str]:
+        """What took longer than is permitted on a machine as slow as this one was."""
+        found = []
+        if self.respawn > MOST_RESPAWN_S * self.slowdown:
+            found.append(f'the process is back after {self.respawn:.1f} s')
+        if self.recovery is None:
+            found.append(f'tracking is not back {self.meanwhile}')
+        elif self.recovery > self.most_recovery * self.slowdown:
+            found.append(f'tracking is back after {self.recovery:.1f} s')
+        return [f'{one}, {self.slowdown:.1f} times slower than alone' for one in found]
 
     def add(self, sent: dict[str, int]) -> None:
         """Add numbers of what was sent."""
@@ -152,7 +169,8 @@ class Attack:
                     return
                 name = ''
                 if kind in self.process_kinds:
-                    left = next_victims.get(kind) or self._random.sample(names := sorted(self._parts()), len(names))
+                    names = sorted(self._parts())
+                    left = [one for one in next_victims.get(kind, []) if one in names] or self._random.sample(names, len(names))
                     name, *next_victims[kind] = left
                 yield kind, name
 
@@ -161,6 +179,7 @@ class Attack:
             self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
         result, before = Result(' '.join(filter(None, (kind, name)))), self._parts()
         self._first = self._memory() | self._first
+        times = self._rig.run_times()
         with self._observer.lock:
             self._observer.commands.begin()
         try:
@@ -171,6 +190,7 @@ class Attack:
         except KeyError as error:
             result.faults.append(f'{error} does not run')
         self._judge(result)
+        result.slowdown = slowdown(times, self._rig.run_times())
         self._last |= self._memory()
         after = set(self._parts().values())
         result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
@@ -227,7 +247,8 @@ class Attack:
             result.add(answer(call, SECONDS + ANSWER_S))
 
     def _messages(self, result: Result) -> None:
-        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic."""
+        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
+        result.most_recovery = MOST_RECOVERY_PROCESS_S
         self._send(result, stale=False)
 
     def _datagrams(self, result: Result) -> None:
@@ -280,10 +301,10 @@ class Attack:
         result.sent, result.ended = {f'SIGKILL to {name}': 1}, time.time()
         if name == 'pointing_node':
             self._observer.commands.forget()
+        result.respawn = math.inf
         with suppress(TimeoutError):
-            self._wait(MOST_RESPAWN_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
-            return
-        result.late.append(f'{name} was not back in {MOST_RESPAWN_S:.0f} s')
+            self._wait(PATIENCE_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
+            result.respawn = time.time() - result.ended
 
     def _stop(self, result: Result, name: str) -> None:
         """A process is stopped, and continues later."""
@@ -299,7 +320,7 @@ class Attack:
         print(f'{time.monotonic() - self._begun:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} '
               f'deaths, {result.found.bad_count} bad commands, {result.found.move_count} wrong moves, tracking back: {back}',
               flush=True)
-        if result.recovery is None or result.recovery > result.most_recovery:
+        if result.late:
             print(f'         bearings meanwhile: {result.meanwhile}; {self._problems()}', flush=True)
         for fault in (*result.deaths, *result.found.bad[:2], *result.found.moves[:2], *result.faults, *result.late):
             print(f'         {fault}', flush=True)
@@ -332,10 +353,6 @@ def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, l
         results: of all attacks.
         growth (MiB): of each process from the first attack to the end.
     """
-    late = [f'{one.name}: {fault}' for one in results for fault in one.late]
-    late += [f'{one.name}: tracking is not back {one.meanwhile}' if one.recovery is None else
-             f'{one.name}: tracking is back after {one.recovery:.1f} s' for one in results
-             if one.recovery is None or one.recovery > one.most_recovery]
     return {
         'no process dies by a message': [f'{one.name}: {death}' for one in results for death in one.deaths],
         'commands are finite and within their limits': [f'{one.name}: {bad}' for one in results for bad in one.found.bad],
@@ -343,7 +360,7 @@ def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, l
         f'memory grows by less than {MOST_GROWTH:.0f} MiB': [
             f'{name} {grown:.0f} MiB' for name, grown in growth.items() if grown >= MOST_GROWTH],
         'all nodes obey afterwards': [f'{one.name}: {fault}' for one in results for fault in one.faults],
-        IN_TIME: late}
+        IN_TIME: [f'{one.name}: {fault}' for one in results for fault in one.late]}
 
 
 def table(results: Sequence[Result]) -> str:

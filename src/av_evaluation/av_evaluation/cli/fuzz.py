@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 
 from av_evaluation.attack.fuzz import faults
 
@@ -14,7 +15,7 @@ CHUNK = 100    # sequences of a process at a time
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sequences and print those that broke a promise, with the seeds that repeat them."""
+    """Run the sequences and print those that broke a promise, with the seeds that repeat them; Ctrl-C ends it early."""
     parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
     parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
     parser.add_argument('--messages', type=int, default=40, help='of each sequence (%(default)s)')
@@ -25,12 +26,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error('expected numbers above 0, and a seed of 0 or more')
     end = options.seed + options.sequences
     jobs = [(first, min(CHUNK, end - first), options.messages) for first in range(options.seed, end, CHUNK)]
-    found: dict[int, str] = {}
+    found, done = 0, 0
     silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
-    with multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
-        for faulty in pool.starmap(faults, jobs):
-            found |= faulty
-    for seed, fault in found.items():
-        print(f'--seed {seed} --sequences 1: {fault}')
-    print(f'{len(found)} of {options.sequences} sequences break a promise')
-    return 1 if found else 0
+    with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
+        for (_, count, _), faulty in zip(jobs, pool.imap(_faults, jobs), strict=True):
+            found, done = found + len(faulty), done + count
+            for seed, fault in faulty.items():
+                print(f'--seed {seed} --sequences 1: {fault}', flush=True)
+    print(f'{found} of {done} sequences break a promise')
+    return 1 if found or done < options.sequences else 0
+
+
+def _faults(job: tuple[int, int, int]) -> dict[int, str]:
+    return faults(*job)

@@ -1,4 +1,7 @@
-"""ros2 run av_evaluation soak: an hour of the whole rig; its processes keep memory, threads, descriptors; no sound is lost."""
+"""ros2 run av_evaluation soak: an hour of the whole rig, with a recorder and a page that somebody looks at.
+
+Its processes keep memory, threads, descriptors; no sound is lost.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from av_evaluation.processes import launched_rig
-from av_evaluation.soak import Limits, ProcessHistory, format_histories, lost_sound, save_histories, watch
+from av_evaluation.soak import Limits, PageViewer, ProcessHistory, format_histories, lost_sound, save_histories, watch
 
-RIG = ('model:=shipped', 'renderer:=flat')
+RIG = ('model:=shipped', 'renderer:=flat', 'view:=true')
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -41,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         out.mkdir(parents=True, exist_ok=True)
         log = opened.enter_context((out / 'rig.log').open('wb'))
         given = [f'record:={bags}/soak.mcap', f'out:={out}', *options.rig]
+        viewer = PageViewer(out / 'rig.log') if 'view:=true' in given else None
         try:
             with launched_rig(given, log) as rig:
                 histories = watch(rig, 60.0 * options.minutes, options.every)
@@ -51,22 +55,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if ended_early:
             output = (out / 'rig.log').read_text(errors='replace').splitlines()[-20:]
             print('soak: the rig ended before its time:', *output, sep='\n', file=sys.stderr)
-        return _report(histories, lost_sound(Path(bags) / 'soak.mcap'), options) or 2 * ended_early
+        faults = [f'sound lost on the way to the bridge: {lost}'] if (lost := lost_sound(Path(bags) / 'soak.mcap')) else []
+        if viewer is not None:
+            print(f'{viewer.updates} updates of the page')
+            faults += ['the page showed nothing at the end'] if viewer.waits else []
+        return _report(histories, faults, options) or 2 * ended_early
 
 
-def _report(histories: Sequence[ProcessHistory], lost: dict[str, int], options: argparse.Namespace) -> int:
+def _report(histories: Sequence[ProcessHistory], faults: Sequence[str], options: argparse.Namespace) -> int:
     limits = Limits(min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth)
     end = max([history.times[-1] for history in histories], default=0.0)
     steady = bool(histories) and not any(history.faults(limits, end) for history in histories)
     table = format_histories(histories, limits, end)
     text = (f'{table}\n{end / 60.0:.1f} min, the first {limits.settle / 60.0:g} not counted, '
             f'growth at most {limits.growth:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
-            f'sound lost on the way to the bridge: {lost or "none"}')
+            f'{"; ".join(faults) or "no sound lost on the way to the bridge"}')
     print(text)
     if options.out:
         (options.out / 'soak.txt').write_text(f'{text}\n')
         save_histories(histories, options.out / 'soak.csv')
-    return 0 if steady and not lost else 1
+    return 0 if steady and not faults else 1
 
 
 def _positive(text: str) -> float:
