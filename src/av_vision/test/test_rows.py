@@ -63,6 +63,15 @@ def exports():
     }
 
 
+def orders(boxes):
+    """Columns of boxes (n, 4) x1, y1, x2, y2 in each order."""
+    x1, y1, x2, y2 = np.asarray(boxes, float).T
+    both = {'x1 y1 x2 y2': [x1, y1, x2, y2], 'x1 y1 w h': [x1, y1, x2 - x1, y2 - y1],
+            'cx cy w h': [0.5 * (x1 + x2), 0.5 * (y1 + y2), x2 - x1, y2 - y1]}
+    both |= {'y1 x1 y2 x2': [y1, x1, y2, x2], 'cy cx h w': [both['cx cy w h'][i] for i in (1, 0, 3, 2)]}
+    return {name: np.stack(columns, axis=1) for name, columns in both.items()}
+
+
 @pytest.mark.parametrize('half', [False, True])
 @pytest.mark.parametrize('name', exports())
 def test_tables_of_boxes_are_read_by_their_values(tmp_path, name, half):
@@ -71,6 +80,123 @@ def test_tables_of_boxes_are_read_by_their_values(tmp_path, name, half):
     assert found.class_names == ('drone', 'bird')
     assert found.boxes == pytest.approx(np.array([row[:4] for row in SEEN]), abs=1.0 if half else 0.01)
     assert found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
+
+
+def write_finder(path, order, places, shares, side=SIDE):
+    """A network that finds the bright rectangle of an image, and tells it in a table of eight rows, seven of them doubtful.
+
+    Parameters:
+        order: of the four columns of the box.
+        places: columns of box, score and class.
+        shares: whether boxes are in shares of the input.
+    """
+    nodes, values = [], []
+
+    def constant(name, value, kind=np.float32):
+        values.append(numpy_helper.from_array(np.array(value, kind), name))
+        return name
+
+    def add(kind, inputs, **options):
+        name = f'v{len(nodes)}'
+        nodes.append(helper.make_node(kind, inputs, [name], **options))
+        return name
+    bright = add('Cast', [add('Greater', ['images', constant('level', 0.7)])], to=TensorProto.FLOAT)
+    edges = {}
+    for axis, kept in (('x', 3), ('y', 2)):
+        profile = add('ReduceMax', [bright], axes=[i for i in range(4) if i != kept], keepdims=0)
+        first = add('Cast', [add('ArgMax', [profile], axis=0, keepdims=1)], to=TensorProto.FLOAT)
+        last = add('Cast', [add('ArgMax', [profile], axis=0, keepdims=1, select_last_index=1)], to=TensorProto.FLOAT)
+        edges[axis] = first, add('Add', [last, constant(f'one{axis}', 1.0)])
+    middle, size = {}, {}
+    for axis, (low, high) in edges.items():
+        size[axis] = add('Sub', [high, low])
+        middle[axis] = add('Add', [low, add('Mul', [size[axis], constant(f'half{axis}', 0.5)])])
+    columns = {'x1': edges['x'][0], 'x2': edges['x'][1], 'y1': edges['y'][0], 'y2': edges['y'][1],
+               'cx': middle['x'], 'cy': middle['y'], 'w': size['x'], 'h': size['y']}
+    box = add('Mul', [add('Concat', [columns[name] for name in order.split()], axis=0),
+                      constant('unit', 1.0 / side if shares else 1.0)])
+    score = add('ReduceMax', [bright], axes=[0, 1, 2, 3], keepdims=0)
+    score = add('Add', [add('Mul', [score, constant('certain', 0.87)]), constant('doubt', 0.03)])
+    score = add('Unsqueeze', [score, constant('axis', [0], np.int64)])
+    first, at_score, at_class = places
+    parts = {first: box, at_score: score, at_class: constant('class', [1.0])}
+    row = add('Unsqueeze', [add('Concat', [parts[k] for k in sorted(parts)], axis=0), constant('axes', [0, 1], np.int64)])
+    scales = np.ones((1, 8, 6))
+    scales[0, 1:, at_score] = 0.05
+    nodes.append(helper.make_node('Mul', [row, constant('doubts', scales)], ['output']))
+    graph = helper.make_graph(nodes, 'finder', [helper.make_tensor_value_info('images', TensorProto.FLOAT, [1, 3, side, side])],
+                              [helper.make_tensor_value_info('output', TensorProto.FLOAT, None)], values)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 17)], ir_version=8)
+    helper.set_model_props(model, NAMES)
+    onnx.save(model, str(path))
+    return path
+
+
+@pytest.mark.parametrize('shares', [False, True])
+@pytest.mark.parametrize('places', [(0, 4, 5), (2, 1, 0), (1, 5, 0)])
+@pytest.mark.parametrize('order', orders(np.ones((1, 4))))
+def test_a_network_that_sees_is_read_in_any_order_of_its_columns(tmp_path, order, places, shares):
+    """Also where the values of one box fit several orders: large, close to the origin, in a square picture."""
+    detector = Detector(write_finder(tmp_path / 'model.onnx', order, places, shares))
+    assert len(detector.detect(IMAGE)) == 0
+    for x, y, w, h in ((30, 60, 90, 70), (250, 100, 40, 130), (205, 10, 24, 18), (3, 290, 60, 100)):
+        image = IMAGE.copy()
+        image[y:y + h, x:x + w] = 255
+        found = detector.detect(image)
+        assert found.boxes == pytest.approx(np.array([[x, y, x + w, y + h]]), abs=1.0)
+        assert found.class_names == ('drone',)
+    assert f'{order} in {"shares" if shares else "pixels"}' in detector.model.columns
+    assert 'assumed' not in detector.model.columns
+
+
+@pytest.mark.parametrize('shares', [False, True])
+@pytest.mark.parametrize('order', ['x1 y1 x2 y2', 'y1 x1 y2 x2', 'cx cy w h', 'cy cx h w'])
+@pytest.mark.parametrize('layout', ['yolox', 'v8', 'v5'])
+def test_cells_are_read_in_any_order_of_their_boxes(tmp_path, layout, order, shares):
+    """By the cells, with what a network answers to an image of nothing: random boxes around each."""
+    rng = np.random.default_rng(3)
+    cells, strides = (np.concatenate([part[part_of] for part_of in (slice(0, 2704), slice(2704, 3380), slice(3380, None))
+                                      for _ in range(3 if layout == 'v5' else 1)]) for part in
+                      (yolo_models.grid(SIDE)[:, :2], yolo_models.grid(SIDE)[:, 2:]))
+    sides = strides * rng.uniform(0.1, 6.0, (len(cells), 4))
+    middles = (cells + 0.5) * strides
+    boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
+    boxes[40] = SEEN[0][:4]
+    scores = rng.uniform(0.0, 0.01, (len(cells), 3))
+    scores[40, 1] = 0.9
+    table = np.concatenate([orders(boxes)[order] / (SIDE if shares else 1.0),
+                            *([] if layout == 'v8' else [np.ones((len(cells), 1))]), scores], axis=1)
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', output=(table.T if layout == 'v8' else table)[None],
+                                          metadata=NAMES))
+    assert detector.model.layout.name == layout
+    assert detector.detect(IMAGE).boxes == pytest.approx(np.array([SEEN[0][:4]]), abs=0.01)
+
+
+def test_boxes_outside_the_picture_tell_x_from_y(tmp_path):
+    """Of a network that answers the same to all, in pictures whose shape is not that of the input."""
+    seen = ((350.0, 20.0, 390.0, 60.0, 1, 0.9), (300.0, 40.0, 340.0, 100.0, 0, 0.6))
+    boxes, labels, scores = table(seen=seen)
+    path = yolo_models.write(tmp_path / 'model.onnx', output=columns(orders(boxes)['y1 x1 y2 x2'], scores, labels), metadata=NAMES)
+    found = Detector(path).detect(np.zeros((234, 416, 3), np.uint8))
+    assert found.boxes == pytest.approx(np.array([row[:4] for row in seen]), abs=0.01)
+
+
+@pytest.mark.parametrize(('label', 'name'), [(0, 'drone'), (1, 'bird')])
+def test_two_classes_of_centres_in_shares_are_no_column_of_classes(tmp_path, label, name):
+    """A hundred rows that say nothing, and one object."""
+    rows = np.tile([0.6, 0.4, 0.1, 0.2, 0.0, 0.0], (1, 100, 1))
+    rows[0, 5, 4 + label] = 0.9
+    found = Detector(yolo_models.write(tmp_path / 'model.onnx', output=rows, metadata={'names': "['drone', 'bird']"})).detect(IMAGE)
+    assert found.class_names == (name,)
+    assert found.boxes == pytest.approx(np.array([[0.55, 0.3, 0.65, 0.5]]) * SIDE, abs=0.01)
+
+
+@pytest.mark.parametrize('count', [0, 1, 5])
+def test_tables_without_a_batch_may_be_empty(tmp_path, count):
+    """As YOLOv7's with suppression: number of the image, corners, class and score of what is seen alone."""
+    rows = np.tile([0.0, *SEEN[0]], (count, 1))
+    found = Detector(yolo_models.write(tmp_path / 'model.onnx', output=rows, metadata=NAMES)).detect(IMAGE)
+    assert found.boxes == pytest.approx(np.array([SEEN[0][:4]] * min(count, 1)).reshape(-1, 4), abs=0.01)
 
 
 @pytest.mark.parametrize(('classes', 'names'), [(1, "['drone']"), (2, "['bird', 'drone']"), (80, '')])

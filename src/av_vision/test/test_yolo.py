@@ -108,7 +108,7 @@ def test_a_size_for_what_is_near_that_is_none_is_refused(tmp_path, near):
 
 
 @pytest.mark.parametrize(('output', 'reason'), [
-    (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 7)), 'no known YOLO export'),
+    (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 9)), 'no known YOLO export'),
     (np.zeros((1, 8400, 85)), r'\(1, 3549, 5\+C\)'), (np.zeros((2, 300, 6)), 'expected')])
 def test_other_networks_are_refused_with_a_reason(tmp_path, output, reason):
     with pytest.raises(ModelError, match=reason):

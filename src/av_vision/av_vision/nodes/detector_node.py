@@ -127,7 +127,10 @@ class DetectorNode(RigNode):
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, time per image and losses."""
-        status.add('execution provider', self._stage.detector.detector.model.provider)
+        model = self._stage.detector.detector.model
+        status.add('execution provider', model.provider)
+        if model.columns:
+            status.add('columns of the model', model.columns)
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
         status.add('delay from capture', f'{1e3 * self._delay:.1f} ms')

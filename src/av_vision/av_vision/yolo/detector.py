@@ -162,7 +162,9 @@ class Detector:
         model = self.near if region.kind == 'near' else self.model
         size = self._input_size(region.height, region.width, region.longest)
         fitted, scale = letterbox(cut(image, region), *size)
-        output = model.run(to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype))[0]
+        tensor = to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype)
+        output = model.run(tensor)[0]
+        model.settle(tensor, output, size, (scale * region.height, scale * region.width))
         return self._decoded(model, output, size, scale, region, image.shape[:2], floor)
 
     def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region,

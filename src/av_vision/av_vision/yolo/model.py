@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
 from av_vision.yolo.coco import COCO
-from av_vision.yolo.layout import LAYOUTS, Layout, recognise
+from av_vision.yolo.layout import LAYOUTS, TABLE_COLUMNS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
-from av_vision.yolo.rows import LayoutError
+from av_vision.yolo.rows import LayoutError, RowReader
 
 RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
 MOST_BYTES = 500_000_000
@@ -73,6 +73,12 @@ class Model:
         self._probe()
 
     @property
+    def columns(self) -> str:
+        """What the columns of a table of boxes are taken for; empty for layouts of cells."""
+        reader = self.layout.decode
+        return reader.columns if isinstance(reader, RowReader) else ''
+
+    @property
     def provider(self) -> str:
         """The execution provider that is used first."""
         return str(self.session.get_providers()[0])
@@ -85,7 +91,24 @@ class Model:
             output = self.session.run([self._output_name], {self._input.name: tensor})[0]
         except Exception as error:  # onnxruntime's exceptions have no common base
             raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {one_line(error)}') from error
-        return output.astype(np.float32, copy=False)
+        # Exports with suppression of their own give one table (n, columns) for one image.
+        return (output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output).astype(np.float32, copy=False)
+
+    def settle(self, tensor: NDArray, output: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
+        """Look at an image mirrored where that tells orders of the columns of a table apart. Raises ModelError.
+
+        Parameters:
+            tensor (1, 3, height, width): the image, as `run` takes it.
+            output (a, b): the output for it.
+            size: height and width of the input in pixels.
+            shown: height and width of the image in the input.
+        """
+        reader = self.layout.decode
+        try:
+            if isinstance(reader, RowReader) and reader.asks(output, size):
+                reader.compare(output, self.run(np.ascontiguousarray(tensor[..., ::-1]))[0], size, shown)
+        except LayoutError as error:
+            raise ModelError(f'{self.path}: {error}') from error
 
     def _check_input(self) -> onnxruntime.NodeArg:
         inputs, outputs = self.session.get_inputs(), self.session.get_outputs()

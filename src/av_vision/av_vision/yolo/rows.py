@@ -1,8 +1,9 @@
-"""Tables of boxes, one in each row: which column is what is found by the values.
+"""Tables of boxes, one in each row: which column is what is found by the values, and by the image mirrored.
 
 Exports without cells agree in little: YOLOv10 and 26 give corners in pixels, score and class, RT-DETR (Zhao et al. 2023,
-arXiv:2304.08069) centre and size in shares of the input and a score for each class, others an order of their own. A reading
-that an output contradicts is dropped; of those that are left the most usual counts.
+arXiv:2304.08069) centre and size in shares of the input and a score for each class, those of TensorFlow y before x, others an
+order of their own. A reading that an output contradicts is dropped. Where several are left and something is seen, the mirrored
+image tells: what is at x is then at width - x. Of those that are left after that the most usual counts.
 """
 
 from __future__ import annotations
@@ -17,21 +18,53 @@ Decoded = tuple[NDArray[np.float32], NDArray[np.float32]]  # boxes (n, 4), proba
 SHARES = 2.0            # boxes whose values are all below it are in shares of the input: in pixels they would be specks
 TOLERANCE = 2e-3        # of a score beyond 0 and 1, and of a box in shares of the input: float16
 OUTSIDE = 0.25          # share of the input by which boxes may reach beyond it
-GARBAGE = 0.1           # share of the rows, of no score, whose boxes may be none: a regression without bounds
+GARBAGE = 0.1           # share of the rows whose boxes may be none: a regression without bounds
+LIKELY = 0.25           # score of what is looked for in the mirrored image
+SAME, OTHER = 0.5, 0.3  # overlap of a box with its mirror image, and by how much less it is in a reading that is wrong
+MOST_MIRRORED = 20      # images
 
 
 class LayoutError(ValueError):
     """The output is not that of a known YOLO export."""
 
 
-def corners(centre: NDArray, size: NDArray) -> NDArray[np.float32]:
-    """Boxes (n, 4) x1, y1, x2, y2 from centres and sizes (n, 2).
+@dataclass(frozen=True)
+class Form:
+    """How four columns tell a box.
 
     Parameters:
-        centre (n, 2): centres.
-        size (n, 2): widths and heights.
+        order: the columns; y before x, too.
+        shares: whether they are in shares of the input's width and height instead of pixels.
     """
-    return np.concatenate([centre - 0.5 * size, centre + 0.5 * size], axis=1)
+
+    order: str = 'cx cy w h'
+    shares: bool = False
+
+    def boxes(self, columns: NDArray, size: tuple[int, int]) -> NDArray[np.float32]:
+        """Boxes (n, 4) x1, y1, x2, y2 in pixels of the input, of columns (n, 4).
+
+        Parameters:
+            columns (n, 4): in the order of the form.
+            size: height and width of the input in pixels.
+        """
+        columns = columns[:, [1, 0, 3, 2]] if self.order[:2] in ('y1', 'cy') else columns
+        low, high = columns[:, :2], columns[:, 2:]
+        if self.order[0] == 'c':
+            low, high = low - 0.5 * high, low + 0.5 * high
+        elif self.order == 'x1 y1 w h':
+            high = low + high
+        return np.concatenate([low, high], axis=1) * np.array([size[1], size[0]] * 2 if self.shares else 1.0, np.float32)
+
+
+CORNERS, CENTRE = 'x1 y1 x2 y2', 'cx cy w h'
+ORDERS = (CORNERS, CENTRE, 'x1 y1 w h', 'y1 x1 y2 x2', 'cy cx h w')    # the most usual first
+
+
+def share_of_boxes(boxes: NDArray, size: tuple[int, int]) -> float:
+    """Share of boxes (n, 4) x1, y1, x2, y2 that have sides and are in the input (height, width), OUTSIDE beyond at most."""
+    boxes = boxes / np.array([size[1], size[0]] * 2)
+    good = np.all(boxes[:, 2:] - boxes[:, :2] >= -TOLERANCE, axis=1)
+    return float(np.mean(good & np.all((boxes >= -OUTSIDE) & (boxes <= 1.0 + OUTSIDE), axis=1)))
 
 
 def check_scores(scores: NDArray) -> None:
@@ -50,44 +83,44 @@ class Reading:
     """What the columns of a table are.
 
     Parameters:
-        box: first of the four columns of the box.
+        form: what the four columns of the box are.
+        box: first of them.
         score: column of the score, -1 where each column behind the box is the score of a class.
         label: column of the class's number, -1 likewise.
-        centred: whether the box is centre and size instead of two corners.
-        shares: whether it is in shares of the input's width and height instead of pixels.
         batch: column of the image's number in the batch, -1 for none.
+        classes: number of classes where the model names them, else 0.
     """
 
-    box: int
-    score: int
-    label: int
-    centred: bool
-    shares: bool
+    form: Form
+    box: int = 0
+    score: int = -1
+    label: int = -1
     batch: int = -1
+    classes: int = 0
+
+    def __str__(self) -> str:
+        return (f'{self.form.order} in {"shares" if self.form.shares else "pixels"} of the input from column {self.box}, '
+                + (f'score in {self.score}, class in {self.label}' if self.label >= 0 else 'then a score for each class'))
 
     def boxes(self, rows: NDArray, size: tuple[int, int]) -> NDArray[np.float32]:
-        """Boxes (n, 4) x1, y1, x2, y2 in pixels of the input.
-
-        Parameters:
-            rows (n, k): the table.
-            size: height and width of the input in pixels.
-        """
-        boxes = rows[:, self.box:self.box + 4]
-        boxes = corners(boxes[:, :2], boxes[:, 2:]) if self.centred else boxes
-        return boxes * np.array([size[1], size[0]] * 2, np.float32) if self.shares else boxes
+        """Boxes (n, 4) x1, y1, x2, y2 in pixels of the input (height, width), of rows (n, k)."""
+        return self.form.boxes(rows[:, self.box:self.box + 4], size)
 
     def scores(self, rows: NDArray) -> NDArray[np.float32]:
         """Scores (n, 1) or (n, classes) of rows (n, k)."""
         return rows[:, [self.score]] if self.score >= 0 else rows[:, self.box + 4:]
 
+    def likely(self, rows: NDArray, least: float = LIKELY) -> NDArray:
+        """The rows (n, k) whose score is above `least`."""
+        return rows[self.scores(rows).max(axis=1, initial=0.0) > least]
+
     def fits(self, rows: NDArray, size: tuple[int, int]) -> bool:
         """Whether rows (n, k) can be read so at an input size (height, width)."""
-        extent = np.array([size[1], size[0]] * 2, np.float32)
-        given = rows[:, self.box:self.box + 4]
-        if self.shares != bool(np.all(np.abs(given) <= SHARES)):
+        if self.form.shares != bool(np.all(np.abs(rows[:, self.box:self.box + 4]) <= SHARES)):
             return False
         labels = rows[:, [self.label] if self.label >= 0 else []]    # -1 in rows of score 0, by which tables are filled up
-        if np.any(labels % 1.0 != 0.0) or np.any((labels < 0.0) & (self.scores(rows)[:, :1] > 0.0)):
+        of_score = labels[self.scores(rows)[:, 0] > 0.0]
+        if np.any(labels % 1.0 != 0.0) or np.any(of_score < 0.0) or (self.classes and np.any(of_score >= self.classes)):
             return False
         if self.batch >= 0 and np.any(rows[:, self.batch] != 0.0):
             return False
@@ -95,22 +128,37 @@ class Reading:
             check_scores(self.scores(rows))
         except LayoutError:
             return False
-        boxes = self.boxes(rows, size) / extent
-        good = np.all(boxes[:, 2:] - boxes[:, :2] >= -TOLERANCE, axis=1)
-        good &= np.all((boxes >= -OUTSIDE) & (boxes <= 1.0 + OUTSIDE), axis=1)
-        return bool(np.mean(good) >= 1.0 - GARBAGE)
+        return all(share_of_boxes(self.boxes(some, size), size) >= 1.0 - GARBAGE for some in (rows, self.likely(rows))
+                   if len(some))
+
+    def mirrored(self, rows: NDArray, other: NDArray, size: tuple[int, int]) -> float:
+        """Overlap of the likeliest box of rows (n, k) with that of the mirrored image, whose rows are `other` (m, k)."""
+        best = rows[[self.scores(rows).max(axis=1).argmax()]]
+        x1, y1, x2, y2 = self.boxes(best, size)[0]
+        seen = self.boxes(self.likely(other, 0.5 * float(self.scores(best).max())), size)
+        low, high = np.maximum(seen[:, :2], [size[1] - x2, y1]), np.minimum(seen[:, 2:], [size[1] - x1, y2])
+        common = np.clip(high - low, 0.0, None).prod(axis=1)
+        area = (seen[:, 2:] - seen[:, :2]).prod(axis=1) + (x2 - x1) * (y2 - y1)
+        return float(np.max(common / np.maximum(area - common, 1e-6), initial=0.0))
 
 
-def readings(columns: int) -> list[Reading]:
-    """Readings of a table of so many columns, the most usual first."""
+def readings(columns: int, classes: int = 0) -> list[Reading]:
+    """Readings of a table of so many columns, the most usual first.
+
+    Parameters:
+        columns: number of columns.
+        classes: number of classes where the model names them, else 0.
+    """
     # Columns of box, score, class and batch.
-    orders = {6: [(0, 4, 5, -1), (0, 5, 4, -1), (2, 1, 0, -1), (2, 0, 1, -1)],
-              7: [(1, 5, 6, 0), (1, 6, 5, 0), (3, 2, 1, 0), (3, 1, 2, 0)]}
-    # Few centres and sizes look like corners, all corners look like centres and sizes.
-    forms = [(False, False), (False, True), (True, True), (True, False)]
-    labelled = [Reading(box, score, label, *form, batch)
-                for form, (box, score, label, batch) in product(forms, orders.get(columns, []))]
-    return [*labelled, *(Reading(0, -1, -1, *form) for form in forms)]
+    places = {6: [(0, 4, 5, -1), (0, 5, 4, -1), (2, 1, 0, -1), (2, 0, 1, -1), (1, 0, 5, -1), (1, 5, 0, -1)],
+              7: [(1, 5, 6, 0), (1, 6, 5, 0), (3, 2, 1, 0), (3, 1, 2, 0)]}.get(columns, [])
+    found = []
+    for order in ORDERS:
+        forms = [Form(order, shares) for shares in ((True, False) if order == CENTRE else (False, True))]
+        labelled = [Reading(form, *place, classes) for form, place in product(forms, places)]
+        by_class = [Reading(form) for form in forms] if classes in (0, columns - 4) else []
+        found += by_class + labelled if order == CENTRE else labelled + by_class
+    return found
 
 
 class RowReader:
@@ -119,16 +167,27 @@ class RowReader:
     Parameters:
         kind: 'end_to_end' for corners in pixels, score and class, 'detr' for centres in shares and a score for each class;
             empty to find out.
+        classes: number of classes where the model names them, else 0.
     """
 
-    def __init__(self, kind: str = '') -> None:
-        fixed = {'end_to_end': [Reading(0, 4, 5, False, False)], 'detr': [Reading(0, -1, -1, True, True)]}
+    def __init__(self, kind: str = '', classes: int = 0) -> None:
+        fixed = {'end_to_end': [Reading(Form(CORNERS), 0, 4, 5)], 'detr': [Reading(Form(CENTRE, True))]}
         self._left = fixed.get(kind)
+        self._classes = classes
+        self._to_mirror = 0 if kind else MOST_MIRRORED
+        self._overlaps: dict[Reading, float] = {}
 
     @property
     def kind(self) -> str:
         """The kind of what has been read, 'end_to_end' for any table with a column of classes."""
         return 'detr' if self._left and self._left[0].label < 0 else 'end_to_end'
+
+    @property
+    def columns(self) -> str:
+        """What the columns are taken for."""
+        left = self._left or []
+        several = len({reading.form for reading in left}) > 1
+        return f'{left[0]}{", assumed, as other orders fit" if several else ""}' if left else ''
 
     def learn(self, rows: NDArray, size: tuple[int, int]) -> None:
         """Drop the readings that a table contradicts. Raises LayoutError, with what was seen, where none is left.
@@ -138,19 +197,56 @@ class RowReader:
             size: height and width of the input in pixels.
         """
         if self._left is None:
-            self._left = readings(rows.shape[1])
+            self._left = readings(rows.shape[1], self._classes)
         finite = rows[np.isfinite(rows).all(axis=1)]
         if len(rows) and not len(finite):
             raise LayoutError(f'no row of the output (1, {rows.shape[0]}, {rows.shape[1]}) is of finite numbers')
-        telling = finite[np.ptp(finite, axis=1) > 0.0] if len(finite) else finite
+        telling = np.unique(finite[np.ptp(finite, axis=1) > 0.0], axis=0) if len(finite) else finite
         left = [reading for reading in self._left if reading.fits(telling, size)] if len(telling) else self._left
         if not left:
             ranges = zip(telling.min(axis=0), telling.max(axis=0), strict=True)
             seen = ', '.join(f'{low:.3g} to {high:.3g}' for low, high in list(ranges)[:8])
             raise LayoutError(f'the columns of the output (1, {rows.shape[0]}, {rows.shape[1]}) go from {seen}: expected '
                               'x1, y1, x2, y2 in pixels of the input, score (0 to 1) and class, or cx, cy, w, h in shares of '
-                              'it and a score (0 to 1, no logits) for each class')
+                              'it and a score (0 to 1, no logits) for each class'
+                              f'{f" of {self._classes}" if self._classes else ""}')
         self._left = left
+
+    def asks(self, rows: NDArray, size: tuple[int, int]) -> bool:
+        """Whether the mirrored image would tell readings apart: rows (n, k) show something, and several are left.
+
+        Parameters:
+            rows (n, k): output for one image.
+            size: height and width of the input in pixels.
+        """
+        if not self._to_mirror:
+            return False
+        self.learn(rows, size)
+        left = self._left or []
+        return len({reading.form for reading in left}) > 1 and any(len(reading.likely(rows)) for reading in left)
+
+    def compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
+        """Drop the readings in which less than in others is where it must be, over all images so far.
+
+        Parameters:
+            rows (n, k): output for one image.
+            mirrored (n, k): output for the same image with left and right exchanged.
+            size: height and width of the input in pixels.
+            shown: height and width of the image in the input; no object is beyond it.
+        """
+        self._to_mirror -= 1
+        rows, mirrored = (some[np.isfinite(some).all(axis=1)] for some in (rows, mirrored))
+        for reading in self._left or []:
+            # A network of constants is not told apart by what it answers to the mirrored image.
+            overlap = 0.0 if np.array_equal(rows, mirrored) else reading.mirrored(rows, mirrored, size)
+            boxes = reading.boxes(reading.likely(rows), size)
+            beyond = np.mean(np.any(boxes[:, :2] + boxes[:, 2:] > [2.0 * shown[1], 2.0 * shown[0]], axis=1)) if len(boxes) else 0.0
+            self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond)
+        best = max(self._overlaps.values())
+        left = [reading for reading in self._left or [] if self._overlaps[reading] >= best - OTHER]
+        if best >= SAME or best == 0.0:
+            self._left = left
+            self._overlaps = {reading: self._overlaps[reading] for reading in left}
 
     def __call__(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
         """Boxes and probabilities of the classes, of rows above a threshold. Raises LayoutError.
@@ -163,8 +259,7 @@ class RowReader:
         self.learn(rows, size)
         assert self._left is not None
         reading = self._left[0]
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        rows = rows[reading.scores(rows).max(axis=1, initial=0.0) > threshold]
+        rows = reading.likely(rows[np.isfinite(rows).all(axis=1)], threshold)
         scores = reading.scores(rows)
         if reading.label >= 0:
             classes = rows[:, reading.label].astype(np.intp)
