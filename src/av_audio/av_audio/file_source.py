@@ -77,10 +77,11 @@ def read_block(file: soundfile.SoundFile, samples: int) -> NDArray:
         file: from `open_sound`.
         samples: number of samples.
     """
+    block = np.full((samples, file.channels), np.nan, np.float32)
     try:
-        return np.asarray(file.read(samples, dtype='float32', always_2d=True))
-    except soundfile.LibsndfileError:    # a recorder was killed within a compressed block
-        return np.zeros((0, file.channels), np.float32)
+        return np.asarray(file.read(out=block))
+    except soundfile.LibsndfileError:    # a recorder was killed within a compressed block, or before it could state the length
+        return block[:int(np.isfinite(block).all(axis=1).cumprod().sum())]
 
 
 def open_sound(path: str | Path) -> soundfile.SoundFile:

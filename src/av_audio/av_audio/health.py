@@ -37,8 +37,9 @@ ALARM = math.log(1e6)
 VOTE = math.log(9.0)
 # What a window adds to the evidence, and what one without it takes. Facts need no vote.
 STEPS = {'dead': (ALARM / 3.0, -ALARM), 'copy': (ALARM / 3.0, -ALARM), 'offset': (ALARM / 3.0, -ALARM), 'clips': (ALARM, -0.5),
-         'quiet': (VOTE, -VOTE), 'inverted': (VOTE, -VOTE), 'late': (VOTE, -VOTE)}
-SEVERE = ('dead', 'copy', 'inverted', 'late')    # directions are wrong by them, or there are none
+         'quiet': (VOTE, -VOTE), 'inverted': (VOTE, -VOTE), 'late': (VOTE, -VOTE),
+         'apart': (VOTE, -VOTE)}
+SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart')    # directions are wrong by them, or there are none
 GAIN_MEND = 'look at its plug and gain: alsamixer'
 # A cosine that jumps from one steady value to its negative, without values between them, is not due to a moving source.
 MIN_SWAP_COSINE = 0.3
@@ -177,7 +178,7 @@ class ChannelHealth:
             deaf.append(is_deaf)
         found, kinds = self._levels(ratios, deaf)
         if self._judges_delays and all(sign or delay for sign, delay in zip(signs, late, strict=True)):
-            kinds |= {'inverted', 'late'}
+            kinds |= {'inverted', 'late', 'apart'}
             found |= self._delays(signs, late)
         return found, kinds
 
@@ -192,6 +193,11 @@ class ChannelHealth:
             if late[0]:
                 return {('late', (0, 1)): f'channel {int(late[0] < 0.0)} is late by {1e3 * abs(late[0]):.1f} ms'}
             return {('inverted', (0, 1)): 'channel 0 or 1 is inverted'} if signs[0] < 0 else {}
+        adjacent = any(before and after for before, after in zip([late[-1], *late], late, strict=False))
+        if (count := np.count_nonzero(late)) > 2 or (count == 2 and not adjacent):
+            longest = 1e3 * np.max(np.abs(late))
+            return {('apart', tuple(range(self._channels))):
+                    f'delays of up to {longest:.1f} ms between neighbours are longer than their distances permit'}
         found: Found = {}
         for k in range(self._channels):
             before, after = late[k - 1], late[k]
@@ -283,7 +289,8 @@ def _mend(kind: str, channels: tuple[int, ...]) -> str:
     """What to do about a kind of fault."""
     return {'copy': 'choose other channels of audio_node; `ros2 run av_view doctor --only devices` shows what there is',
             'clips': 'lower the gain: alsamixer', 'inverted': 'exchange the two wires of its balanced plug, or turn its sign',
-            'late': 'all channels must come from one device with one clock, without effects'}.get(kind, GAIN_MEND)
+            'late': 'all channels must come from one device with one clock, without effects, and positions be in metres',
+            'apart': 'positions in the array file are in metres; are they too small?'}.get(kind, GAIN_MEND)
 
 
 class SwapDetector:

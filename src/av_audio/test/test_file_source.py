@@ -145,6 +145,15 @@ def test_a_compressed_file_is_read_up_to_where_it_breaks_off(tmp_path):
     assert len(collect(FileSource(tmp_path / 'cut.flac', block_samples=48_000), 32_000)) >= 32_000
 
 
+def test_a_stream_whose_header_states_no_length_is_read_to_its_last_sample(tmp_path):
+    """As encoders write it into a pipe; 21 and the next four bytes of a FLAC are the number of samples."""
+    content, samples = written('FLAC', seconds=1.3)
+    content[21] &= 0xF0
+    content[22:26] = bytes(4)
+    (tmp_path / 'stream.flac').write_bytes(content)
+    np.testing.assert_allclose(read_sound(tmp_path / 'stream.flac')[0], samples, atol=1e-4)
+
+
 def test_the_killed_recorder_of_the_field():
     path = Path(__file__).resolve().parents[4] / 'shared/data/field_cases/sound'
     if not path.is_dir():

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from known_sound import RATE, SQUARE, add_noise, flat, rotors
 
 from av_audio.calibration import calibrate as fit
 from av_audio.cli import calibrate, localize
+from av_audio.spacing import SpacingCheck
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
@@ -177,6 +179,29 @@ def test_an_array_in_metres_is_not_refused(tmp_path, capsys, spacing, azimuth_de
     assert 'centimetres' not in capsys.readouterr().err
 
 
+ARRAYS = {'a pair': [[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]],
+          'a square': [[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, -0.1, 0.0], [-0.1, 0.1, 0.0]],
+          'in space': [[0.1, 0.0, 0.0], [-0.05, 0.09, 0.0], [-0.05, -0.09, 0.0], [0.0, 0.0, 0.12]]}
+
+
+@pytest.mark.parametrize('azimuth_deg', [20.0, -70.0])
+@pytest.mark.parametrize(('name', 'scale', 'words'), [
+    ('a square', 0.1, 'may be too small by 10$'), ('in space', 0.1, 'may be too small by 10$'),
+    ('in space', 10.0, 'these, .* m apart, are too large by 10$'), ('a pair', 10.0, 'broadside of microphones 2 m apart'),
+    ('a square', 10.0, 'straight up from microphones 2.83 m apart'), ('a square', 1.0, ''), ('in space', 1.0, '')])
+def test_positions_ten_times_too_small_or_large_are_told(name, scale, words, azimuth_deg):
+    """Refused where no direction explains the delays, doubted where ahead or above would."""
+    positions, elevation = np.array(ARRAYS[name]), math.radians(10.0)
+    azimuth = math.radians(azimuth_deg)
+    towards = [math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation), math.sin(elevation)]
+    rng = np.random.default_rng(9)
+    sound = rotors(rng, 2.0, (positions.max() - positions @ towards) / C)
+    check = SpacingCheck(MicrophoneArray(scale * positions), RATE, C)
+    check.add(add_noise(rng, sound, 10.0))
+    told = check.problem() + check.doubt()
+    assert re.search(words, told) if words else not told
+
+
 def test_a_small_array_in_centimetres_is_doubted(tmp_path, capsys):
     """3 cm as 3 m: an array that might be, but all sound would come from ahead."""
     rng = np.random.default_rng(8)
@@ -184,7 +209,7 @@ def test_a_small_array_in_centimetres_is_doubted(tmp_path, capsys):
     soundfile.write(tmp_path / 'sound.wav', add_noise(rng, sound, 20.0), RATE)
     (tmp_path / 'array.yaml').write_text('microphones: [[0, 1.5, 0], [0, -1.5, 0]]')
     localize.main([str(tmp_path / 'sound.wav'), '--array', str(tmp_path / 'array.yaml')])
-    assert 'were the positions in centimetres' in capsys.readouterr().err
+    assert 'are the positions in centimetres' in capsys.readouterr().err
 
 
 TABLES = {

@@ -176,7 +176,8 @@ def test_boxes_outside_the_picture_tell_x_from_y(tmp_path):
     """Of a network that answers the same to all, in pictures whose shape is not that of the input."""
     seen = ((350.0, 20.0, 390.0, 60.0, 1, 0.9), (300.0, 40.0, 340.0, 100.0, 0, 0.6))
     boxes, labels, scores = table(seen=seen)
-    path = yolo_models.write(tmp_path / 'model.onnx', output=columns(orders(boxes)['y1 x1 y2 x2'], scores, labels), metadata=NAMES)
+    output = columns(orders(boxes)['y1 x1 y2 x2'], scores, labels)
+    path = yolo_models.write(tmp_path / 'model.onnx', output=output, metadata=NAMES)
     found = Detector(path).detect(np.zeros((234, 416, 3), np.uint8))
     assert found.boxes == pytest.approx(np.array([row[:4] for row in seen]), abs=0.01)
 
@@ -186,7 +187,8 @@ def test_two_classes_of_centres_in_shares_are_no_column_of_classes(tmp_path, lab
     """A hundred rows that say nothing, and one object."""
     rows = np.tile([0.6, 0.4, 0.1, 0.2, 0.0, 0.0], (1, 100, 1))
     rows[0, 5, 4 + label] = 0.9
-    found = Detector(yolo_models.write(tmp_path / 'model.onnx', output=rows, metadata={'names': "['drone', 'bird']"})).detect(IMAGE)
+    path = yolo_models.write(tmp_path / 'model.onnx', output=rows, metadata={'names': "['drone', 'bird']"})
+    found = Detector(path).detect(IMAGE)
     assert found.class_names == (name,)
     assert found.boxes == pytest.approx(np.array([[0.55, 0.3, 0.65, 0.5]]) * SIDE, abs=0.01)
 

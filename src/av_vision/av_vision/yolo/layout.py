@@ -29,7 +29,8 @@ from av_vision.yolo.rows import (
 MOST_ROWS = 2000    # of a table of boxes
 TABLE_COLUMNS = (6, 7)    # of tables with a class in each row, which may be empty or of zeros at first
 MOST_STRIDES = 4.0  # from the middles of decoded boxes to their cells, in the median
-Decode = Callable[[NDArray, tuple[int, int], float], Decoded]
+CENTRED = Form()
+Decode = Callable[..., Decoded]
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def cell_counts(size: tuple[int, int]) -> tuple[int, int]:
     return sum(count[:3]), sum(count)
 
 
-def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float, form: Form = Form()) -> Decoded:
+def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float, form: Form = CENTRED) -> Decoded:
     """YOLOv5, YOLOv7 and decoded YOLOX: cx, cy, w, h in input pixels, objectness, classes.
 
     Parameters:
@@ -106,7 +107,7 @@ def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> 
     return decode_centred(rows, size, threshold)
 
 
-def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float, form: Form = Form()) -> Decoded:
+def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float, form: Form = CENTRED) -> Decoded:
     """YOLOv8, 9, 11, 12: (4+C, n), cx, cy, w, h in input pixels and one probability for each class.
 
     Parameters:
@@ -119,7 +120,7 @@ def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float, fo
     return form.boxes(rows[:, :4], size), rows[:, 4:]
 
 
-def decode_columns_turned(rows: NDArray, size: tuple[int, int], threshold: float, form: Form = Form()) -> Decoded:
+def decode_columns_turned(rows: NDArray, size: tuple[int, int], threshold: float, form: Form = CENTRED) -> Decoded:
     """The same with rows and columns exchanged, (n, 4+C); parameters as for `decode_columns`."""
     return decode_columns(rows.T, size, threshold, form)
 

@@ -92,7 +92,7 @@ class Model:
         except Exception as error:  # onnxruntime's exceptions have no common base
             raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {one_line(error)}') from error
         # Exports with suppression of their own give one table (n, columns) for one image.
-        return (output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output).astype(np.float32, copy=False)
+        return np.asarray(output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output, np.float32)
 
     def settle(self, tensor: NDArray, output: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
         """Look at an image mirrored where that tells orders of the columns of a table apart. Raises ModelError.

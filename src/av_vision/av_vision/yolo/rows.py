@@ -240,8 +240,8 @@ class RowReader:
             # A network of constants is not told apart by what it answers to the mirrored image.
             overlap = 0.0 if np.array_equal(rows, mirrored) else reading.mirrored(rows, mirrored, size)
             boxes = reading.boxes(reading.likely(rows), size)
-            beyond = np.mean(np.any(boxes[:, :2] + boxes[:, 2:] > [2.0 * shown[1], 2.0 * shown[0]], axis=1)) if len(boxes) else 0.0
-            self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond)
+            beyond = np.any(0.5 * (boxes[:, :2] + boxes[:, 2:]) > [shown[1], shown[0]], axis=1)
+            self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond.mean() if len(boxes) else 0.0)
         best = max(self._overlaps.values())
         left = [reading for reading in self._left or [] if self._overlaps[reading] >= best - OTHER]
         if best >= SAME or best == 0.0:
