@@ -42,7 +42,8 @@ class ForeignDetector(Detector):
         self.settings, self._method, self._names = settings, method, [name]
         self.threshold = settings.score_threshold or 0.25
         self.kept = np.ones(1, bool)
-        self.model: Any = SimpleNamespace(metadata={}, near=0, longest=0, box_padding=np.zeros(2, np.float32), provider='')
+        self.model: Any = SimpleNamespace(metadata={}, near=0, longest=0, box_padding=np.zeros(2, np.float32), provider='',
+                                          columns='')
 
     def candidates(self, image: NDArray, floor: float, regions: Sequence[Region] = ()) -> Candidates:
         """See `Detector`; all of the image is searched.

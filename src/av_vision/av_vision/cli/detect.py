@@ -146,8 +146,8 @@ def run(arguments: argparse.Namespace) -> list[str]:
             each = 1e3 * (time.perf_counter() - begun) / (frame.index + 1)
             print(f'\rframe {frame.index + 1}{total}, {each:.0f} ms each', end='', file=sys.stderr, flush=True)
     if not arguments.quiet:
-        print(f'\nthe columns of {detector.model.path} are {detector.model.columns}' if detector.model.columns else '',
-              file=sys.stderr)
+        columns = temporal.detector.model.columns
+        print(f'\nthe columns of {arguments.model} are {columns}' if columns else '', file=sys.stderr)
     if video:
         video.close()
     if arguments.output:
