@@ -113,8 +113,8 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
             rmtree(folder)
             raise
         entities.append(guard_process(folder))
-        interruption = interrupt_with_launch([entity for entity in entities if isinstance(entity, ExecuteProcess)])
-        return [GroupAction([SetEnvironmentVariable(RUN_FOLDER, folder), *participants(entities), interruption, *entities])]
+        environment = [SetEnvironmentVariable(RUN_FOLDER, folder), *participants(entities)]
+        return [in_environment(environment, [interrupt_with_launch(launched_processes(entities)), *entities])]
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
@@ -156,13 +156,30 @@ class LaunchedNode(Node):
                          additional_env=security(arguments, self.full_name), **options)
 
 
-def launched_nodes(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchedNode]:
-    """The nodes among the entities of a launch, those that start later among them."""
+def launched_processes(entities: Iterable[LaunchDescriptionEntity]) -> list[ExecuteProcess]:
+    """The processes among the entities of a launch, those that start later among them."""
     found = []
     for entity in entities:
-        found += [entity] if isinstance(entity, LaunchedNode) else []
-        found += launched_nodes(entity.actions) if isinstance(entity, TimerAction) else []
+        found += [entity] if isinstance(entity, ExecuteProcess) else []
+        found += launched_processes(entity.actions) if isinstance(entity, TimerAction) else []
     return found
+
+
+def launched_nodes(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchedNode]:
+    """The nodes among them."""
+    return [process for process in launched_processes(entities) if isinstance(process, LaunchedNode)]
+
+
+def in_environment(environment: Sequence[LaunchDescriptionEntity], entities: Iterable[LaunchDescriptionEntity]) -> GroupAction:
+    """Entities in an environment of their own, also what starts later, when that of a group has ended.
+
+    Parameters:
+        environment: what sets it.
+        entities: of the launch.
+    """
+    return GroupAction([*environment, *(
+        TimerAction(period=entity.period, actions=[in_environment(environment, entity.actions)])
+        if isinstance(entity, TimerAction) else entity for entity in entities)])
 
 
 def participants(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchDescriptionEntity]:

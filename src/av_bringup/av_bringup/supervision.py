@@ -11,7 +11,8 @@ in a row is not started again.
 
 The executor of each node writes a heartbeat (`av_common.launched.beat`). A process whose heartbeat stands still for
 SILENT_CHECKS checks of the launch in a row hangs, or is stopped: it is killed, so that the rules above hold for it, too. Checks
-are counted instead of seconds, so that no process is blamed for a pause of the whole machine.
+are counted instead of seconds, so that no process is blamed for a pause of the whole machine; and of a process that would run,
+by the share of a processor that it is given, as one of low priority gets none for long while the machine is busy.
 """
 
 from __future__ import annotations
@@ -46,16 +47,17 @@ RESPAWN_DELAY_S = 0.2
 RESPAWN: dict[str, Any] = {'respawn': True, 'respawn_delay': RESPAWN_DELAY_S}
 MOST_RESTARTS = 3
 CHECK_PERIOD_S = 0.5
-# Checks in a row without a new heartbeat: 8 s, more than a starved process needs on a machine with ten times its load; and
-# 300 s in a transition, in which a model is compiled or a bag is closed.
+# Checks in a row without a new heartbeat: 8 s; and 300 s in a transition, in which a model is compiled or a bag is closed.
 SILENT_CHECKS, BUSY_CHECKS = 16, 600
+PROCESSES = Path('/proc')
 
 
 class Pulse:
     """Judges the heartbeats of processes. Those that have none are never judged."""
 
     def __init__(self) -> None:
-        self._newest: dict[int, tuple[str, int]] = {}  # heartbeat, and for how many checks it has stood still
+        self._newest: dict[int, tuple[str, float]] = {}  # heartbeat, and for how many checks it has stood still
+        self._ran: dict[int, float] = {}  # s, for which a process has run
 
     def hangs(self, process: int, heartbeat: str) -> bool:
         """Whether a process hangs, at a further check.
@@ -65,13 +67,24 @@ class Pulse:
             heartbeat: what its file holds.
         """
         before, silent = self._newest.get(process, ('', 0))
-        silent = silent + 1 if heartbeat == before else 0
+        silent = silent + self._given(process) if heartbeat == before else 0.0
         self._newest[process] = heartbeat, silent
         return bool(heartbeat) and silent >= (BUSY_CHECKS if heartbeat.startswith('busy') else SILENT_CHECKS)
 
     def forget(self, process: int) -> None:
         """Forget a process that has ended."""
         self._newest.pop(process, None)
+        self._ran.pop(process, None)
+
+    def _given(self, process: int) -> float:
+        """Share of a processor that a process was given since the check before; 1 for one that asks for none."""
+        threads = []
+        for file in (PROCESSES / str(process) / 'task').glob('*/stat'):
+            with suppress(OSError):  # ended meanwhile
+                threads.append(file.read_text().rpartition(')')[2].split())  # from field 3 of proc(5) on
+        ran = sum(int(fields[11]) + int(fields[12]) for fields in threads) / os.sysconf('SC_CLK_TCK')
+        before, self._ran[process] = self._ran.get(process, ran), ran
+        return min((ran - before) / CHECK_PERIOD_S, 1.0) if any(fields[0] == 'R' for fields in threads) else 1.0
 
 
 class Supervision:
