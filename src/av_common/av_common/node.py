@@ -127,18 +127,20 @@ class RigNode(ParameterNode):
         """
         return create(*args, **kwargs)
 
-    def refuse_second_publishers(self, *topics: str, tell: Callable[[Mapping[str, list[str]]], None] = lambda _: None) -> None:
+    def refuse_second_publishers(self, *topics: str, tell: Callable[[Mapping[str, list[str]]], None] = lambda _: None,
+                                 besides: Mapping[str, str] | None = None) -> None:
         """While the node is active, note in `contested` which of its inputs have several publishers, and report them.
 
         Parameters:
             topics: names of the inputs, relative to the node's namespace.
             tell: takes what is noted, each time.
+            besides: see `Publishers`.
         """
         def look_for_publishers() -> None:
             self.contested = self._publishers_of_inputs.contested(time.monotonic())
             tell(self.contested)
 
-        self.contested, self._publishers_of_inputs = {}, Publishers(self, topics)
+        self.contested, self._publishers_of_inputs = {}, Publishers(self, topics, besides)
         self.while_active(self._steady_timer, PERIOD_S, look_for_publishers)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

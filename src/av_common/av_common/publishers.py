@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -23,10 +23,11 @@ class Publishers:
     Parameters:
         node: the node that subscribes.
         topics: names of its inputs, relative to the node's namespace.
+        besides: for an input that one of the rig's own nodes may publish besides its source, that node's name.
     """
 
-    def __init__(self, node: Node, topics: Iterable[str]) -> None:
-        self._node, self._topics = node, tuple(topics)
+    def __init__(self, node: Node, topics: Iterable[str], besides: Mapping[str, str] | None = None) -> None:
+        self._node, self._topics, self._besides = node, tuple(topics), dict(besides or {})
         self._doubled: dict[str, float] = {}  # since when (s, steady) an input has two publishers of one name
 
     def contested(self, now: float) -> dict[str, list[str]]:
@@ -42,7 +43,11 @@ class Publishers:
                 continue
             names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                            for info in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)))
-            if len(set(names)) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
+            own = f'{self._node.get_namespace().rstrip("/")}/{self._besides.get(topic, "")}'
+            single = len(names) - (own in names) < 2
+            if single:
+                self._doubled.pop(topic, None)
+            elif len(set(names) - {own}) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
                 found[topic] = names
         return found
 

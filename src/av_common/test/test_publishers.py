@@ -36,7 +36,7 @@ def publishers(publish):
     """Those of the inputs of a node that subscribes."""
     node = rclpy.create_node('listener', namespace='left')
     node.create_subscription(String, 'odometry', lambda message: None, 1)
-    yield Publishers(node, ('odometry', 'doa'))
+    yield Publishers(node, ('odometry', 'doa'), {'odometry': 'model'})
     node.destroy_node()
 
 
@@ -63,3 +63,13 @@ def test_one_of_the_same_name_is_a_successor_for_the_lease_of_discovery(publish,
     assert until(lambda: publishers._node.count_publishers('odometry') == 2)
     assert publishers.contested(5.0) == {} and publishers.contested(5.0 + LEASE_S) == {}
     assert publishers.contested(5.1 + LEASE_S) == {'odometry': ['/left/one', '/left/one']}
+
+
+def test_a_node_of_the_rig_may_publish_besides_the_source(publish, publishers):
+    """As its successor may; a second source may not."""
+    for name in ('model', 'one', 'model'):
+        publish(name)
+    assert until(lambda: publishers._node.count_publishers('odometry') == 3)
+    assert publishers.contested(5.0) == {} and publishers.contested(5.1 + LEASE_S)
+    publish('two')
+    assert until(lambda: publishers.contested(0.0) == {'odometry': ['/left/model', '/left/model', '/left/one', '/left/two']})

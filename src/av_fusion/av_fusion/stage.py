@@ -32,7 +32,7 @@ from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
-DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
+DOA, DETECTIONS, ODOMETRY, GIMBAL = 'doa', 'detections', 'odometry', 'gimbal/state'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
@@ -139,7 +139,7 @@ class FusionStage:
 
         Raises ValueError for one that cannot be used.
         """
-        if self._gimbal is None:
+        if self._gimbal is None or GIMBAL in self.gate.contested:
             return None
         self._follow_clock(arrival)
         self._gimbal.add(sample_of(message, self.settings.base_frame, ''), arrival)

@@ -255,7 +255,7 @@ def test_what_stays_and_is_no_drone_is_a_fixed_emitter_until_it_is_forgotten():
     assert not any(name.startswith('fixed emitter') for name in stage.tracker.diagnostics())
 
 
-@pytest.mark.parametrize('contested', ['doa', 'detections', 'odometry'])
+@pytest.mark.parametrize('contested', ['doa', 'detections', 'odometry', 'gimbal/state', 'camera_info', 'visibility'])
 def test_while_an_input_has_two_publishers_every_bearing_is_a_prediction(contested):
     """None of its messages is used, whatever else arrives; afterwards all is as before."""
     stage = make_stage()

@@ -106,6 +106,17 @@ def test_hostile_orientations_raise_and_are_not_used():
     assert rig.stage._gimbal.newest.time == T
 
 
+def test_an_orientation_of_two_publishers_is_not_used():
+    """It turns what the camera sees, and the body with it."""
+    rig = GimbalRig()
+    rig.turn(T, 0.0)
+    rig.stage.refuse_contested({'gimbal/state': ['/bridge_node', '/forger']})
+    assert rig.turn(T + 0.02, 1.0) is None and rig.stage._gimbal.newest.time == T
+    rig.stage.refuse_contested({})
+    rig.turn(T + 0.04, 0.1)
+    assert rig.stage._gimbal.newest.time == T + 0.04
+
+
 def test_a_rig_without_gimbal_ignores_the_topic():
     stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'), lambda frame, time: FLU_TO_OPTICAL.T)
     assert stage.on_gimbal(gimbal_message_of(T + 99.0, 0.0), T) is None

@@ -25,7 +25,7 @@ from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
-from av_fusion.stage import FusionOutput, make_fusion_stage
+from av_fusion.stage import GIMBAL, FusionOutput, make_fusion_stage
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, RigReport, TrackArray, Visibility
 from av_interfaces.srv import SelectTarget
 
@@ -55,6 +55,7 @@ class FusionNode(RigNode):
         self._rotations = TfRotations(self, self._settings.base_frame)
         rig = load_rig(self._settings.rig_file) if self._settings.rig_file else None
         gimbal, cameras = (rig.gimbal, list(rig.cameras)) if rig else (None, ['camera'])
+        self._gimbals = [GIMBAL] if gimbal else []
         self._sights = {f'{camera}/camera_info': detections_topic(camera) for camera in cameras}
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
                                         gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
@@ -75,15 +76,15 @@ class FusionNode(RigNode):
             self.while_active(self.create_subscription, CameraInfo, info, self._stage.on_camera_info, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
+        self.while_active(self.create_subscription, GimbalState, GIMBAL, self._on_gimbal, STREAM)
         if self._settings.use_cues:
             self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
         self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
-        self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._sights, *self._sights.values(),
-                                      tell=self._stage.refuse_contested)
+        self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._gimbals, *self._sights, *self._sights.values(),
+                                      tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
