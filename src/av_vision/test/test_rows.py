@@ -182,6 +182,19 @@ def test_boxes_outside_the_picture_tell_x_from_y(tmp_path):
     assert found.boxes == pytest.approx(np.array([row[:4] for row in seen]), abs=0.01)
 
 
+@pytest.mark.parametrize('order', [(0, 1, 2), (0, 2, 1), (2, 1, 0), (1, 2, 0), (1, 0, 2), (2, 0, 1)])
+@pytest.mark.parametrize('form', ['x1 y1 x2 y2', 'cx cy w h'])
+def test_one_object_of_the_first_class_is_read_in_any_order(tmp_path, form, order):
+    """Of box, score and class, where no other row says anything: a 0 everywhere is the class, not the score."""
+    parts = [orders([SEEN[0][:4]])[form], np.array([[0.9]]), np.array([[0.0]])]
+    rows = np.zeros((1, 300, 6))
+    rows[0, 4] = np.concatenate([parts[k] for k in order], axis=1)
+    path = yolo_models.write(tmp_path / 'model.onnx', output=rows, metadata={'names': "['drone', 'bird']"})
+    found = Detector(path).detect(IMAGE)
+    assert found.boxes == pytest.approx(np.array([SEEN[0][:4]]), abs=0.01)
+    assert (found.class_names, found.scores[0]) == (('drone',), pytest.approx(0.9))
+
+
 @pytest.mark.parametrize(('label', 'name'), [(0, 'drone'), (1, 'bird')])
 def test_two_classes_of_centres_in_shares_are_no_column_of_classes(tmp_path, label, name):
     """A hundred rows that say nothing, and one object."""

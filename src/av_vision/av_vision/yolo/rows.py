@@ -119,8 +119,9 @@ class Reading:
         if self.form.shares != bool(np.all(np.abs(rows[:, self.box:self.box + 4]) <= SHARES)):
             return False
         labels = rows[:, [self.label] if self.label >= 0 else []]    # -1 in rows of score 0, by which tables are filled up
-        of_score = labels[self.scores(rows)[:, 0] > 0.0]
-        if np.any(labels % 1.0 != 0.0) or np.any(of_score < 0.0) or (self.classes and np.any(of_score >= self.classes)):
+        if np.any(labels % 1.0 != 0.0) or np.any(labels[self.scores(rows)[:, 0] > 0.0] < 0.0):
+            return False
+        if self.classes and np.any(labels >= self.classes):
             return False
         if self.batch >= 0 and np.any(rows[:, self.batch] != 0.0):
             return False
@@ -157,7 +158,8 @@ def readings(columns: int, classes: int = 0) -> list[Reading]:
         forms = [Form(order, shares) for shares in ((True, False) if order == CENTRE else (False, True))]
         labelled = [Reading(form, *place, classes) for form, place in product(forms, places)]
         by_class = [Reading(form) for form in forms] if classes in (0, columns - 4) else []
-        found += by_class + labelled if order == CENTRE else labelled + by_class
+        # DETR's centres in shares have a score for each class, other tables of centres rather a column of the class.
+        found += [*by_class[:1], *labelled, *by_class[1:]] if order == CENTRE else [*labelled, *by_class]
     return found
 
 
@@ -210,7 +212,8 @@ class RowReader:
                               'x1, y1, x2, y2 in pixels of the input, score (0 to 1) and class, or cx, cy, w, h in shares of '
                               'it and a score (0 to 1, no logits) for each class'
                               f'{f" of {self._classes}" if self._classes else ""}')
-        self._left = left
+        # A score that is 0 in each row says nothing, and is rather another column.
+        self._left = sorted(left, key=lambda reading: len(telling) > 0 and not reading.scores(telling).any())
 
     def asks(self, rows: NDArray, size: tuple[int, int]) -> bool:
         """Whether the mirrored image would tell readings apart: rows (n, k) show something, and several are left.
