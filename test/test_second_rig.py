@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 import rclpy
 from machine_load import skip_figures_where_overloaded
 from nav_msgs.msg import Odometry
+from network_hosts import two_hosts
 from rig_process import RigProcess
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -31,7 +33,6 @@ from av_vision.messages import camera_info_message, detections_message
 
 pytestmark = pytest.mark.system
 ROOT = Path(__file__).resolve().parent.parent
-FIELD_CASE = ROOT.parent / 'shared/data/field_cases/two_rigs'
 ARRAY = f'array: {{file: {ROOT}/config/arrays/two_microphones.yaml}}\n'
 # A camera on the body, and one on a gimbal whose pan is PAN_DEG.
 FIXED = ARRAY + 'camera: {mount: {rpy_deg: [0.0, 0.0, 37.0]}}\n'
@@ -138,12 +139,25 @@ def test_rigs_of_one_domain_see_their_own_frames_and_record_them(tmp_path):
         assert np.degrees(log.sight['azimuth']) == pytest.approx(azimuth, abs=0.2)
 
 
-@pytest.mark.skipif(not FIELD_CASE.exists(), reason='needs ../shared/data')
-def test_the_two_rigs_of_the_field():
-    files = {name: FIELD_CASE / f'{name}.yaml' for name in ('left', 'right')}
-    found = bearings_of(files, launched(files))
-    assert found['left'] == pytest.approx(0.0, abs=0.2)
-    assert found['right'] == pytest.approx(90.0, abs=0.2)
+def test_the_tutorial_of_two_computers(tmp_path, monkeypatch):
+    """Two hosts, the variables and the launches of the tutorial; files and a stand-in are in the place of hardware."""
+    files = descriptions(tmp_path, {'left': FIXED, 'right': FIXED.replace('37.0', '-120.0')})
+    text = (ROOT / 'docs' / 'tutorials' / 'two_rigs.md').read_text()
+    for name, value in re.findall(r'(\w+)=(\S+)', re.search(r'^export (ROS_DOMAIN_ID.*)$', text, re.MULTILINE)[1]):
+        monkeypatch.setenv(name, value.replace('$PWD', str(ROOT)))
+    command = re.search(r'^ros2 launch av_fusion rig.launch.py (.*namespace:=left)$', text, re.MULTILINE)[1].split()
+    domain, rigs = int(os.environ['ROS_DOMAIN_ID']), {}
+    with two_hosts() as hosts:
+        for host, (name, file) in zip(hosts, files.items(), strict=True):
+            arguments = [word.replace('hardware', 'file').replace('left', name) for word in command]
+            rigs[name] = host.run(lambda arguments=arguments, file=file: RigProcess(
+                *arguments, f'rig:={file}', 'monitor:=false', domain=domain))
+        found = hosts[0].run(bearings_of, files, rigs)
+        for rig in rigs.values():
+            rig.interrupt()
+            rig.finish()
+    assert found['left'] == pytest.approx(37.0, abs=0.2)
+    assert found['right'] == pytest.approx(-120.0, abs=0.2)
 
 
 def test_the_tutorial(tmp_path, monkeypatch):
