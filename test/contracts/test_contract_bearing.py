@@ -68,6 +68,18 @@ def test_sound_alone_is_better_than_the_newest_window(contract, array, start, ra
     assert pair or all(moment.bearing.resolved for moment in rigs[0].between(SETTLED))
 
 
+@pytest.mark.parametrize('sight', [never, lambda t: True], ids=['no camera', 'a camera that looks elsewhere'])
+def test_a_target_that_stays_about_end_fire_is_not_lost(contract, sight):
+    """Where a cosine hardly changes, both sides fit; images that show nothing arrive before the sound of their time."""
+    rigs = [FormulaRig([Source(lambda t: unit(90.0 + 24.0 * math.sin(1.1 * t + 0.5), 9.0), confidence=0.45)], sight=sight,
+                       seed=seed).run(20.0) for seed in range(3)]
+    contract(at_least('followed', min(rig.followed(SETTLED) for rig in rigs), 0.98),
+             at_most('error on the nearer side, 90 %', float(np.quantile(pooled(rigs, folded=True), 0.9)),
+                     math.degrees(math.sqrt(2.0 * 1.64 * COSINE_SIGMA)), 'deg'),     # of a window, at end-fire
+             at_least('within 1.96 sigma', float(np.mean(np.concatenate(
+                 [rig.normalised(SETTLED, 0.5, folded=True) for rig in rigs]) < 1.96**2)), 0.9))
+
+
 def test_sound_and_sight_together_are_no_worse_than_sight(contract):
     errors = {}
     for name, options in (('both', {}), ('sight', {'sound': never})):

@@ -76,7 +76,7 @@ class GaussianMixture:
         mixture.reduce()
         return mixture
 
-    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO, axes: Collection[Vector] = ()) -> None:
+    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO) -> None:
         """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
 
         Parameters:
@@ -84,13 +84,14 @@ class GaussianMixture:
             moving: whether the target accelerates at all.
             kept: probability that the target is still present.
             moved (m): displacement of the rig meanwhile, in the world.
-            axes: unit vectors in the world, at whose vertical planes components that extend to both sides are split: near
-                end-fire a measurement fits both sides, which one Gaussian cannot represent.
         """
         for component in self.components:
             component.predict(dt, self.model, moving, moved)
             component.weight *= kept
         self.absent += (1.0 - kept) * (1.0 - self.absent)
+
+    def split_at(self, axes: Collection[Vector]) -> None:
+        """Split components that extend to both sides of the vertical planes of axes (unit vectors in the world)."""
         for axis in axes:
             self.components = [part for component in self.components for part in split(component, axis)]
 

@@ -119,15 +119,17 @@ class Track:
 
         Parameters:
             time (s): capture time of a measurement.
-            axes: see `GaussianMixture.predict`.
+            axes: at which components are split, since a measurement near end-fire fits both sides.
         """
-        dt = time - self.time
+        dt, place = time - self.time, (0.0, ZERO)
         if dt < 0.0:
-            return -dt, self._motion.moved(time, self.time)
-        self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
-                             self._motion.moved(self.time, time), axes)
-        self.time = time
-        return 0.0, ZERO
+            place = -dt, self._motion.moved(time, self.time)
+        else:
+            self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
+                                 self._motion.moved(self.time, time))
+            self.time = time
+        self.mixture.split_at(axes)
+        return place
 
     def later(self, time: float) -> dict[GaussianComponent, GaussianComponent]:
         """A copy of each component, predicted to `time` (s)."""
