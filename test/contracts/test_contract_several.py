@@ -56,8 +56,8 @@ def test_two_drones_have_two_names_that_stay(contract, array, sight):
 @pytest.mark.parametrize('confidence', [0.3, 0.45])
 def test_a_quiet_drone_is_found_beside_a_loud_one(contract, confidence):
     """Half of what is reported so is a source: ten windows that agree are one."""
-    rig = FormulaRig([drone(35.0, 12.0, 3.0, confidence=confidence, heard=lambda t: t > 3.0), drone(-60.0, 12.0)], array='eight',
-                     sight=never).run(9.0)
+    quiet = drone(35.0, 12.0, 3.0, confidence=confidence, heard=lambda t: t > 3.0)
+    rig = FormulaRig([quiet, drone(-60.0, 12.0)], array='eight', sight=never).run(9.0)
     contract(at_least('named', float(np.mean([bool(named(rig, moment, 0)) for moment in rig.between(5.0)])), 0.95))
 
 

@@ -31,8 +31,8 @@ class FilterSettings:
         sight_correlation (s): correlation time of the errors of successive images.
         assumed_visibility: visibility (0..1) of images without one.
         undetected_first, undetected: expected number of targets in the sky that were not detected, at first and later on.
-        least_existence: a track of smaller existence probability ends, and none begins: an unlikely source in one of five windows
-            that overlap.
+        least_existence: a track of smaller existence probability ends, and none begins: an unlikely source in one of five
+            windows that overlap.
         confirmed: existence probability from which a track is reported.
         confirm_threshold: probability from which the front-back ambiguity counts as resolved.
         lost_sigma (rad): a direction of larger standard deviation is lost.
