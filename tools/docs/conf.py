@@ -11,4 +11,4 @@ html_title = 'av_rig'
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'
 napoleon_custom_sections = [('Parameters', 'params_style'), ('Attributes', 'params_style')]
-suppress_warnings = ['myst.xref_missing', 'autodoc.import_object', 'docutils', 'misc.highlighting_failure', 'ref.python']
+suppress_warnings = ['autodoc.import_object', 'docutils', 'misc.highlighting_failure', 'ref.python']

@@ -1,7 +1,8 @@
 """The documents as a site: `make docs` writes build/docs/html/index.html.
 
 The pages are those of the tree. Generated are the public names of each package (from their docstrings), the messages (from
-av_interfaces) and the parameters of each node (from the YAML). Sphinx is installed in build/docs/tools.
+av_interfaces), the parameters of each node (from the YAML), and a page of each program and file that a page links to, examples
+with their pictures. Sphinx is installed in build/docs/tools.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ SECTIONS = {'Tutorials': 'docs/tutorials/*.md', 'Guides': 'docs/guides/*.md', 'R
 SINGLE = ('docs/architecture.md', 'docs/results.md', 'docs/decisions.md', 'examples/README.md', 'src/av_audio/models/README.md',
           'src/av_vision/models/README.md', 'training/detector/README.md', 'training/detector/HISTORY.md',
           'training/sound/README.md', 'CONTRIBUTING.md', 'CHANGELOG.md')
+LINK = re.compile(r'(?<=\]\()[^)\s>#:]+')
+LANGUAGES = {'.py': 'python', '.yaml': 'yaml', '.cff': 'yaml', '.xml': 'xml'}
+# Pages in the place of folders without a README, and of the first page.
+ELSEWHERE = {'src': 'docs/architecture.md', 'src/av_interfaces/msg': 'docs/interface/messages.md', 'README.md': 'index.md'}
 
 
 def packages() -> list[str]:
@@ -104,13 +109,49 @@ def package_page(package: str) -> str:
     return '\n'.join(lines)
 
 
+def page(name: str) -> str:
+    """A page of the tree, with links that hold in the site.
+
+    Parameters:
+        name: its path in the project.
+    """
+    def link(found: re.Match[str]) -> str:
+        target = os.path.normpath(Path(name).parent / found[0])
+        if target in ELSEWHERE:
+            return os.path.relpath(ELSEWHERE[target], Path(name).parent)
+        if (PROJECT / target / 'README.md').exists():
+            return f'{found[0]}/README.md'
+        if target.endswith(COPIED) or not (PROJECT / target).is_file():
+            return found[0]
+        write_listing(target)
+        return f'{found[0]}.md'
+    return LINK.sub(link, re.sub(r'<!--.*?-->\n?', '', (PROJECT / name).read_text()))
+
+
+def write_listing(name: str) -> None:
+    """The page of a program or another file.
+
+    Parameters:
+        name: its path in the project.
+    """
+    file = PROJECT / name
+    picture = PROJECT / f'docs/images/examples/{file.stem}.png'
+    shown = f'![what it draws]({os.path.relpath(picture, file.parent)})\n\n' if picture.exists() else ''
+    (SOURCE / name).parent.mkdir(parents=True, exist_ok=True)
+    (SOURCE / f'{name}.md').write_text(f'---\norphan: true\n---\n\n# {name}\n\n{shown}'
+                                       f'```{LANGUAGES.get(file.suffix, "text")}\n{file.read_text()}```\n')
+
+
 def write_source() -> None:
     """The pages and pictures of the tree, the generated pages, and an index of all."""
     shutil.rmtree(SOURCE, ignore_errors=True)
     files = subprocess.check_output(['git', 'ls-files', '-co', '--exclude-standard'], text=True, cwd=PROJECT).splitlines()
     for name in (name for name in files if name.endswith(COPIED) and not name.startswith(('.', 'README'))):
         (SOURCE / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(PROJECT / name, SOURCE / name)
+        if name.endswith('.md'):
+            (SOURCE / name).write_text(page(name))
+        else:
+            shutil.copy(PROJECT / name, SOURCE / name)
     interface = SOURCE / 'docs/interface'
     interface.mkdir(parents=True)
     (interface / 'parameters.md').write_text(parameters_page())
@@ -121,8 +162,7 @@ def write_source() -> None:
                                                for title, pattern in SECTIONS.items()), ('More', list(SINGLE))]
     trees = '\n'.join(f'```{{toctree}}\n:caption: {title}\n:hidden:\n\n' + '\n'.join(pages) + '\n```\n'
                       for title, pages in tables)
-    readme = re.sub(r'<!--.*?-->\n?', '', (PROJECT / 'README.md').read_text())
-    (SOURCE / 'index.md').write_text(f'{readme}\n{trees}')
+    (SOURCE / 'index.md').write_text(f'{page("README.md")}\n{trees}')
     shutil.copy(PROJECT / 'tools/docs/conf.py', SOURCE / 'conf.py')
 
 
@@ -136,8 +176,8 @@ def main() -> int:
                         '--target', str(TOOLS), '-r', str(requirements)], check=True)
         stamp.write_text(requirements.read_text())
     environment = {**os.environ, 'PYTHONPATH': f'{TOOLS}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
-    code = subprocess.run([sys.executable, '-m', 'sphinx', '-q', '-j', 'auto', '-b', 'html', str(SOURCE), str(BUILD / 'html')],
-                          env=environment, check=False).returncode
+    command = [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-j', 'auto', '-b', 'html']  # a dead link is an error
+    code = subprocess.run([*command, str(SOURCE), str(BUILD / 'html')], env=environment, check=False).returncode
     if not code:
         print(f'see {BUILD / "html" / "index.html"}')
     return code
