@@ -29,6 +29,12 @@ def network_file():
     return loaded('network')
 
 
+@pytest.fixture(scope='module')
+def replay_file():
+    """The launch file of replays as a module."""
+    return loaded('replay')
+
+
 def loaded(name):
     """A launch file as a module."""
     file = Path(__file__).parents[1] / 'launch' / f'{name}.launch.py'

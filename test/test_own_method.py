@@ -7,12 +7,14 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from tutorials import run, typed, words
 
 from av_audio.directions import to_directions
 from av_audio.localizer import Localizer, LocalizerSettings
@@ -21,7 +23,9 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.cli import evaluate, report
+from av_evaluation.experiments.publication import cases_of
 from av_evaluation.runs.cases import Case
+from av_evaluation.runs.runs import run_case
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.methods import TRACKERS
@@ -172,13 +176,24 @@ def test_an_installed_package_is_in_the_table(tmp_path):
     site, copy = tmp_path / 'site', shutil.copytree(EXAMPLE, tmp_path / 'own_method')  # a build leaves files there
     subprocess.run([sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation', '--no-index',
                     '--target', str(site), str(copy)], check=True, cwd=tmp_path)
-    environment = {**os.environ, 'PYTHONPATH': f'{site}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
-    done = subprocess.run(
-        [sys.executable, '-m', 'av_evaluation.cli.evaluate', 'circle', '--oracle', '--seeds', '1', '--duration', '4', '--quiet',
-         '--methods', 'gcc_phat', 'loudest_delay', 'newest_bearing', '--out', str(tmp_path / 'out')],
-        env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    metrics = json.loads((tmp_path / 'out' / 'metrics.json').read_text())
-    found = json.dumps(metrics)
-    assert '"loudest_delay"' in found and '"newest_bearing"' in found
-    assert 'loudest_delay' in (tmp_path / 'out' / 'report.html').read_text()
+    environment = {'PYTHONPATH': f'{site}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
+    run(typed('own_method.md', 'loudest_delay newest_bearing fused') + ' --duration 4 --quiet', tmp_path, **environment)
+    metrics = json.loads((tmp_path / 'results/own_method/metrics.json').read_text())
+    assert {'gcc_phat', 'loudest_delay', 'newest_bearing', 'fused'} <= set(metrics)
+    assert 'loudest_delay' in (tmp_path / 'results/own_method/report.html').read_text()
+    seeing = typed('own_method.md', 'evaluate .*--model dark_specks')
+    run(f'{seeing} --duration 1 --methods sight --quiet', tmp_path, **environment)
+
+
+def test_the_report_has_the_methods_of_another_package(offered, tmp_path, monkeypatch):
+    """As the page types it, for two seconds of one experiment."""
+    def short(*arguments):
+        return {'tripod': [replace(case, duration=2.0) for case in cases_of(*arguments)['tripod']]}
+    monkeypatch.setattr(report, 'cases_of', short)
+    monkeypatch.setattr(report, 'compute', lambda groups, _: (
+        {name: [run_case(case) for case in group] for name, group in groups.items()}, {}))
+    monkeypatch.chdir(tmp_path)
+    Path('results/report_own').mkdir(parents=True)
+    assert report.main(words(typed('own_method.md', 'evaluation report'))[4:]) == 0
+    page = (tmp_path / 'results/report_own/report.html').read_text()
+    assert 'loudest_delay' in page and 'newest_bearing' in page

@@ -33,7 +33,8 @@ def missing(requirements: list[str], machine: str, python: str) -> list[str]:
     while True:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, '-m', 'pip', 'install', '-q', '--dry-run', '--ignore-installed', '--no-deps',
-                       '--use-feature=fast-deps', f'--target={folder}', '--only-binary=:all:', '--implementation=cp',
+                       '--use-feature=fast-deps', '--ignore-requires-python', f'--target={folder}',
+                       '--only-binary=:all:', '--implementation=cp',
                        f'--python-version={python}', *platforms]
             done = subprocess.run([*command, *requirements], capture_output=True, text=True, check=False)
         if not done.returncode:

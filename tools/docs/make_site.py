@@ -176,7 +176,7 @@ def main() -> int:
                         '--target', str(TOOLS), '-r', str(requirements)], check=True)
         stamp.write_text(requirements.read_text())
     environment = {**os.environ, 'PYTHONPATH': f'{TOOLS}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
-    command = [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-j', 'auto', '-b', 'html']  # a dead link is an error
+    command = [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-j', 'auto', '-b', 'html']  # dead links are errors
     code = subprocess.run([*command, str(SOURCE), str(BUILD / 'html')], env=environment, check=False).returncode
     if not code:
         print(f'see {BUILD / "html" / "index.html"}')

@@ -19,7 +19,7 @@ import yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r'^```(bash|yaml)\n(.*?)^```', re.MULTILINE | re.DOTALL)
-INLINE = re.compile(r'(?<!`)`((?:ros2 (?:run|launch|param)|make) [^`\n]+(?:\n[^`\n]+)*)`')
+INLINE = re.compile(r'(?<!`)`((?:ros2 (?:run|launch|param|topic|service)|make) [^`\n]+(?:\n[^`\n]+)*)`')
 PLACEHOLDER = re.compile(r'[<>]|\.\.\.|^[A-Z_]+$')
 OF_ALL_NODES = {'use_sim_time'}
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.ego_noise import NoiseRecording
+from av_audio.ego_noise import MIN_DURATION_S, NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
@@ -62,6 +62,9 @@ def judge(recording: NoiseRecording, array: MicrophoneArray, settings: Localizer
     """
     settings = settings or LocalizerSettings()
     rate, rng = recording.sample_rate, np.random.default_rng(seed)
+    if len(recording.samples) < 2.0 * MIN_DURATION_S * rate:
+        raise ValueError(f'{recording.name} lasts {len(recording.samples) / rate:.1f} s, expected {2.0 * MIN_DURATION_S:g} s '
+                         'or more: one half rates the other')
     pieces = np.array_split(recording.samples, max(2, round(len(recording.samples) / (PIECE_S * rate))))
     known = recording._replace(samples=np.concatenate(pieces[::2]))
     heard = recording._replace(samples=np.concatenate(pieces[1::2]))

@@ -61,7 +61,8 @@ def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
 def obtain_recording(options: argparse.Namespace) -> None:
     """Record FILE and the truth, or extract them from a bag, if asked for. Raises OSError or ValueError."""
     if options.guided:
-        source = DeviceSource(options.device, options.sample_rate, options.channels)
+        channels = options.channels or range(MicrophoneArray.load(options.array).channels)
+        source = DeviceSource(options.device, options.sample_rate, channels)
         record(source, options.places, options.dwell, options.file, options.truth)
         options.channels = []    # chosen already
     elif options.from_bag:

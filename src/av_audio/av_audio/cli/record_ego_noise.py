@@ -23,10 +23,10 @@ from av_common.microphone_array import MicrophoneArray
 WORTH_DB = 3.0
 
 
-def record(options: argparse.Namespace) -> None:
+def record(options: argparse.Namespace, array: MicrophoneArray) -> None:
     """Record each throttle. Raises OSError or ValueError."""
     import soundfile
-    source = DeviceSource(options.device, options.sample_rate, options.channels)
+    source = DeviceSource(options.device, options.sample_rate, options.channels or range(array.channels))
     texts = [f'motors at {share:g} % (tied down on a tripod, propellers on, nobody within their reach)'
              for share in options.throttle] or ['hover, and turn slowly']
     requests = [f'{number} of {len(texts)}: {text}; no other sound; press Enter' for number, text in enumerate(texts, start=1)]
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         array = MicrophoneArray.load(options.array)
         if not options.judge:
-            record(options)
+            record(options, array)
         verdict = judge(NoiseRecording.load(options.file), array)
     except (OSError, ValueError) as error:
         sys.exit(f'record_ego_noise: {error}')
@@ -62,6 +62,6 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('--dwell', type=float, default=15.0, metavar='S', help='time of each (default: %(default)s)')
     parser.add_argument('--device', default='', help='name, part of it or index of the device')
     parser.add_argument('--channels', type=int, nargs='+', default=[], metavar='N',
-                        help='channels of the device in the order of the microphones (default: all)')
+                        help='channels of the device in the order of the microphones (default: the first ones)')
     parser.add_argument('--sample-rate', type=int, default=48_000, metavar='HZ', help='sample rate (default: %(default)s)')
     return parser
