@@ -25,9 +25,9 @@ from typing import Any
 PROJECT = Path(__file__).resolve().parents[2]
 # What Ubuntu packages, as the package index names it; or the next one with a wheel.
 UBUNTU = {
-    'jammy': ('3.10', 'numpy==1.26.4 scipy==1.13.1 opencv-python-headless==4.5.4.60 matplotlib==3.5.1 h5py==3.6.0 '
+    'jammy': ('3.10', 'numpy==1.26.4 scipy==1.13.1 opencv-contrib-python-headless==4.5.4.60 matplotlib==3.5.1 h5py==3.6.0 '
                       'soundfile==0.10.3.post1 psutil==5.9.0 pyyaml==6.0 transforms3d==0.4.1'),
-    'noble': ('3.12', 'numpy==1.26.4 scipy==1.11.4 opencv-python-headless==4.6.0.66 matplotlib==3.8.0 h5py==3.10.0 '
+    'noble': ('3.12', 'numpy==1.26.4 scipy==1.11.4 opencv-contrib-python-headless==4.6.0.66 matplotlib==3.8.0 h5py==3.10.0 '
                       'soundfile==0.12.1 psutil==5.9.8 pyyaml==6.0.1 transforms3d==0.4.1'),
 }
 CONSTRAINTS = {'jammy': PROJECT / 'tools/distributions/humble.txt'}
@@ -65,6 +65,9 @@ class Stand(metaclass=Anything):
 
     def __getattr__(self, name: str) -> Any:
         return getattr(Stand, name)
+
+    def __bytes__(self) -> bytes:
+        return b''
 
     def __fspath__(self) -> str:
         return str(PROJECT)  # a package's share folder has config/ and launch/ in it

@@ -7,6 +7,7 @@ Recognition 47(6), 2014; by OpenCV.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 NUMBER = 36  # of the marker in its dictionary: its mirror image differs in 10 of 16 squares, of no other marker in more
 BORDER = 0.2  # white around the marker, by its side
 _DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-_DETECTOR = cv2.aruco.ArucoDetector(_DICTIONARY, cv2.aruco.DetectorParameters())
+_SINCE_4_7 = hasattr(cv2.aruco, 'ArucoDetector')  # Ubuntu 22.04 and 24.04 have OpenCV 4.5 and 4.6
 
 
 class Marker(NamedTuple):
@@ -38,7 +39,8 @@ class Marker(NamedTuple):
 
 def draw_marker(side: int = 800) -> NDArray:
     """The picture (n, n; grey) of a marker of `side` pixels, with white around it."""
-    return np.pad(cv2.aruco.generateImageMarker(_DICTIONARY, NUMBER, side), round(BORDER * side), constant_values=255)
+    draw = cv2.aruco.generateImageMarker if _SINCE_4_7 else cv2.aruco.drawMarker  # type: ignore[attr-defined]
+    return np.pad(draw(_DICTIONARY, NUMBER, side), round(BORDER * side), constant_values=255)
 
 
 def find_marker(image: NDArray) -> Marker | None:
@@ -56,6 +58,8 @@ def find_marker(image: NDArray) -> Marker | None:
 
 def _corners(grey: NDArray) -> NDArray | None:
     """Corners (4, 2) of the marker, clockwise from its upper left one."""
-    found, numbers, _ = _DETECTOR.detectMarkers(grey)
+    detect = cv2.aruco.ArucoDetector(_DICTIONARY).detectMarkers if _SINCE_4_7 else partial(
+        cv2.aruco.detectMarkers, dictionary=_DICTIONARY)
+    found, numbers, _ = detect(grey)
     return next((corners[0] for corners, number in zip(found, np.ravel(numbers), strict=True) if number == NUMBER),
                 None) if numbers is not None else None
