@@ -222,11 +222,13 @@ class RowReader:
             rows (n, k): output for one image.
             size: height and width of the input in pixels.
         """
-        if not self._to_mirror:
+        def open_now() -> bool:
+            left = self._left or []
+            return len({reading.form for reading in left}) > 1 and any(len(reading.likely(rows)) for reading in left)
+        if not self._to_mirror or not open_now():
             return False
         self.learn(rows, size)
-        left = self._left or []
-        return len({reading.form for reading in left}) > 1 and any(len(reading.likely(rows)) for reading in left)
+        return open_now()
 
     def compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
         """Drop the readings in which less than in others is where it must be, over all images so far.
