@@ -217,6 +217,9 @@ function showSpectrum() {
   const { context, y, width, height, left } = diagram('spectrum', -100, 0, [-80, -40, 0]), bands = state.spectrum.length, step = (width - left) / Math.max(bands, 1);
   context.fillStyle = color('sound');
   state.spectrum.forEach((level, i) => { const top = y(Math.max(level, -100)); context.fillRect(left + i * step, top, Math.max(step - 1, 1), height - 6 - top); });
-  context.fillStyle = color('quiet'); context.textAlign = 'center';
-  for (const hertz of bands ? [100, 1000, 10000] : []) context.fillText(hertz < 1000 ? `${hertz} Hz` : `${hertz / 1000} kHz`, left + (width - left) * Math.log(hertz / 60) / Math.log(20000 / 60), 8);
+  context.fillStyle = color('quiet');
+  for (const [hertz, align] of bands ? [[100, 'left'], [1000, 'center'], [10000, 'right']] : []) {
+    context.textAlign = align;
+    context.fillText(hertz < 1000 ? `${hertz} Hz` : `${hertz / 1000} kHz`, left + (width - left) * Math.log(hertz / 60) / Math.log(20000 / 60), 8);
+  }
 }
