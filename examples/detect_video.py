@@ -11,7 +11,10 @@ import cv2
 from av_vision import Detector, DetectorSettings, TemporalDetector, draw, shipped_model
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else 'results/examples')
-video = cv2.VideoCapture(str(sys.argv[2] if len(sys.argv) > 2 else folder / 'scene.mp4'))
+file = Path(sys.argv[2]) if len(sys.argv) > 2 else folder / 'scene.mp4'
+if not file.exists():
+    sys.exit(f'{file} does not exist: name a video, or run examples/render_scene.py first')
+video = cv2.VideoCapture(str(file))
 rate = video.get(cv2.CAP_PROP_FPS) or 30.0
 
 # Boxes of one image alone would come from `Detector.detect`; here their scores are fused over all images of an object.
