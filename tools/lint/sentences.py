@@ -1,6 +1,6 @@
 """Sentences of more than 40 words in Markdown, and pages beyond their length, are printed; exit code 1 if there are any.
 
-A colon, before a list or an explanation, ends one, too.
+A colon does not end one, except where a list or a block follows.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ LONGEST = {'docs/results.md': 1500}  # words of a page
 CODE = re.compile(r'^```.*?^```|<!--.*?-->', re.MULTILINE | re.DOTALL)
 # A line that begins a list, a heading, a table, a quotation or an indented block ends what stands before it, as an empty one.
 BREAK = re.compile(r'\n\s*\n|\n(?=\s*(?:[-*+|#>]|\d+\.\s)|\s{4,})')
-END = re.compile(r'(?<=[.!?:])["*)_\]]*\s+')
+END = re.compile(r'(?<=[.!?])["*)_\]]*\s+')
 
 
 def sentences(text: str) -> Iterator[tuple[int, str]]:
