@@ -38,7 +38,8 @@ class Rig:
 
     def show(self, may_move=BOTH, enabled=False, **parts):
         snapshot = {**RigState().snapshot(100.0 + len(self.asked)), 'command': STILL, **parts}
-        values = [('enabled', str(enabled)), *([('may move', may_move)] if may_move is not None else [])]
+        given = {'enabled': enabled if enabled is None else str(enabled), 'may move': may_move}
+        values = [(name, value) for name, value in given.items() if value is not None]
         nodes = [{'node': '/pointing_node', 'level': 'ok', 'words': 'active', 'values': values, 'advice': [], 'age': 0.1}]
         health = json.dumps({'type': 'health', 'nodes': nodes, 'offers': ['enable', 'select', 'turn']})
         self.server.put(lambda feed: feed.put_health(health), '')
@@ -80,7 +81,29 @@ def test_the_dialog_says_what_is_configured_to_move_whatever_was_commanded(rig, 
     assert 'Nothing of this rig is configured to move' in nothing
     unknown = asked_for(rig, phone, may_move=None)
     assert 'the gimbal and the body' in unknown and 'not known yet' in unknown
+    phone.value('confirmMove("turn", "")')
+    turn = phone.value('$("ask-words").textContent')
+    phone.value('$("ask").close("no")')
+    assert 'The body' not in turn and 'the gimbal and the body' in turn
     assert not [action for action, _ in rig.asked if action == 'enable']
+
+
+@pytest.mark.parametrize('enabled', [True, False, None])
+def test_a_target_is_selected_at_once_only_where_nothing_can_move(rig, phone, enabled):
+    """While it is not known whether commands move the rig, the page asks, too."""
+    track = {'id': 1, 'name': '', 'azimuth': 12.3, 'azimuth_world': None, 'range': None, 'source': ['sound'], 'drone': 0.97,
+             'selected': False, 'point': None}
+    rig.asked.clear()
+    known = 'null' if enabled is None else f'"{enabled}"'
+    for condition in (f'(valueOf("pointing_node", "enabled") ?? null) === {known}', '$("select").length === 2'):
+        rig.show(enabled=enabled, tracks=[track])    # the list of targets follows at the next state
+        assert phone.wait_for(condition)
+    phone.value('$("select").value = "1", $("select").onchange()')
+    assert phone.value('$("ask").open') is (enabled is not False)
+    assert enabled is False or f'This moves towards drone 1: {BOTH}.' in phone.value('$("ask-words").textContent')
+    assert enabled is not False or phone.wait_for('$("answer").textContent === "as you wish"')
+    assert (('select', 1) in rig.asked) is (enabled is False)
+    phone.value('$("ask").close("no")')
 
 
 def test_the_stop_is_in_reach_on_a_phone_and_closes_what_asks(rig, phone):

@@ -128,7 +128,7 @@ $('enable').onclick = () => confirmMove('enable', '', { value: true });
 $('turn').onclick = () => confirmMove('turn', '');
 $('select').onchange = () => {
   const value = Number($('select').value), track = state?.tracks.find(one => one.id === value);
-  if (valueOf('pointing_node', 'enabled') !== 'True') act('select', { value });
+  if (valueOf('pointing_node', 'enabled') === 'False') act('select', { value });
   else confirmMove('select', track ? nameOf(track) : 'the target that the policy chooses', { value });
 };
 $('open').onchange = () => { act('open', { value: $('open').value }); $('open').value = ''; };

@@ -66,9 +66,9 @@ function whatMoves(configured) {
 // What is asked before something may move; the words follow from the configuration, never from the newest command.
 function askWords(action, configured, target = '') {
   const moves = whatMoves(configured), end = 'Is everybody clear of it?';
-  if (moves === null) return 'Nothing of this rig is configured to move (move_gimbal and move_body of pointing_node are false). Enable commands nevertheless?';
+  if (moves === null) return 'Nothing of this rig is configured to move (move_gimbal and move_body of pointing_node are false). Go on nevertheless?';
   const what = { enable: `From now on this moves by itself towards the target: ${moves}.`,
-    turn: `The body of the rig rotates by itself until front and back are resolved, for 10 s at most: ${moves}.`,
+    turn: `Until front and back are resolved, for 10 s at most, this turns by itself: ${moves}.`,
     select: `This moves towards ${target}: ${moves}.` }[action];
   return `${what} ${end}`;
 }
