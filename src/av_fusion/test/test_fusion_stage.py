@@ -309,7 +309,8 @@ def test_after_a_step_of_the_clock_silence_is_told_as_soon_as_ever(method, step,
 
 @pytest.mark.parametrize(('values', 'named'), [
     ({'tau': 1.0}, 'tau is 1, .*expected less than 1'), ({'follow_threshold': 1.0}, 'follow_threshold is 1, .*less than 1'),
-    ({'detection_probability': 0.0}, 'detection_probability is 0, .*more than 0'),
+    ({'detection_probability': 0.0}, 'detection_probability is 0, .*0.1 or more'),
+    ({'detection_probability': 0.05}, 'detection_probability is 0.05, .*0.1 or more'),
     ({'sound_delay': -1.5}, 'sound_delay is -1.5 s, .*expected less'), ({'sight_delay': 0.6}, 'sight_delay is 0.6 s'),
     ({'target_classes': ['']}, r"target_classes is \[''\], .*expected a name"), ({'hysteresis': 0.6}, 'hysteresis is 0.6')])
 def test_parameters_that_exclude_everything_are_refused_by_name(values, named):
