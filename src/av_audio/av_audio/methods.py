@@ -37,10 +37,9 @@ class Direction(NamedTuple):
     confidence: float = 1.0
 
 
-# Directions of one window, the strongest first, from its samples (n, channels) of full scale 1.
+# Directions of one window, the strongest first, from its samples (n, channels) of full scale 1. An entry point of `av_rig.doa`
+# names what makes one for a MicrophoneArray and a sample rate (Hz).
 WindowMethod = Callable[[NDArray[np.float32]], Sequence[Direction]]
-# What an entry point of `av_rig.doa` names: makes a method for an array and a sample rate (Hz).
-MethodFactory = Callable[[MicrophoneArray, int], WindowMethod]
 
 
 def peak_of(found: Direction, array: MicrophoneArray) -> Peak:

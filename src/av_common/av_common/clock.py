@@ -18,7 +18,6 @@ FEWEST = 4               # stamps that can agree
 MAJORITY = 3             # ratio to the stamps that agree with the present offset, for a restart
 WINDOW_S = 1.0           # age of the arrivals that determine the offset
 SPACING_S = 0.005        # arrivals closer than this count once, so that a flood has no more weight than a stream
-LOW_QUANTILE = 10        # the offset is that of every tenth arrival: a few false stamps do not move it
 STEP_S = 0.1             # interval between corrections
 DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
 CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for a whole window

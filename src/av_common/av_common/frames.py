@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from transforms3d.euler import euler2mat
 
-from av_common.angles import wrap
-
 # Rows are the axes of the target frame in the source frame. Both are their own inverse.
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_TO_FLU = np.diag([1.0, -1.0, -1.0])
@@ -45,11 +43,6 @@ def attitude_ned_to_enu(quaternion: Iterable[float]) -> NDArray:
 def attitude_of(orientation: Any) -> tuple[float, float, float, float]:
     """Attitude (w, x, y, z) of a `geometry_msgs/Quaternion`."""
     return orientation.w, orientation.x, orientation.y, orientation.z
-
-
-def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
-    """Heading (rad, clockwise from north) to yaw (rad, counter-clockwise from east), or back; any shape."""
-    return wrap(np.pi / 2.0 - np.asarray(yaw_rad, float))
 
 
 def heading_of(quaternion: Sequence[Any]) -> tuple[Any, Any]:

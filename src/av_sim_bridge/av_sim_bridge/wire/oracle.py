@@ -3,8 +3,6 @@
 import struct
 from dataclasses import dataclass
 
-import numpy as np
-
 from av_sim_bridge.wire.error import MOST_PIXEL, WireError, check_within
 
 _COUNT = struct.Struct('<i')
@@ -57,15 +55,3 @@ def decode_oracle(datagram: bytes) -> list[OracleBox]:
         if box.min_x > box.max_x or box.min_y > box.max_y:
             raise WireError(f'oracle: the corners of the box of target {box.target_id} are swapped')
     return boxes
-
-
-def box_of_points(target_id: int, score: float, pixels: np.ndarray) -> OracleBox:
-    """The bounding box of points in the image.
-
-    Parameters:
-        target_id: number of the vehicle in the simulator.
-        score (0 to 1): score of the box.
-        pixels (px, (n, 2)): x and y of the points.
-    """
-    (min_x, min_y), (max_x, max_y) = pixels.min(axis=0), pixels.max(axis=0)
-    return OracleBox(target_id, float(score), float(min_x), float(min_y), float(max_x), float(max_y))
