@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import signal
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -26,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error('expected numbers above 0, and a seed of 0 or more')
     end = options.seed + options.sequences
     jobs = [(first, min(CHUNK, end - first), options.messages) for first in range(options.seed, end, CHUNK)]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     found, done = 0, 0
     silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
     with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
