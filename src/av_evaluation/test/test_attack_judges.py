@@ -66,6 +66,19 @@ def test_motion_needs_new_measurements():
     assert judged(START + 0.3, move_body=False) == 0
 
 
+def test_an_observer_that_is_behind_waits_for_what_was_published_before():
+    """Inputs that arrive 2 s after the command that rests on them; without them it is judged in the end."""
+    for arrives in (True, False):
+        judge = CommandJudge(PointingSettings())
+        judge.on_command(PointingCommand(move_body=True, yaw_rate=0.1), START + 1.0, START + 1.0)
+        judge.judge(START + 2.0)
+        for kind in ('measurement', 'odometry') if arrives else ():
+            judge.on_input(kind, START + 0.9, START + 0.9)
+            judge.on_input(kind, START + 1.1, START + 1.1)
+        judge.judge(START + 4.1)
+        assert (judge.findings.commands, judge.findings.move_count) == (1, 0 if arrives else 1)
+
+
 def test_motion_is_wrong_while_it_is_forbidden():
     assert judged(START + 5.0, still_from=START + 0.5) == 25
     assert judged(START + 5.0, still_from=START + 0.5, ended=START + 0.7) == 10

@@ -20,6 +20,7 @@ STEADY_S = 0.5           # for which all bearings are true before tracking count
 LARGEST_GAP_S = 0.3      # between bearings
 FARTHEST_TRUTH_S = 0.1   # from a bearing to the truth that it is compared with
 ARRIVED_S = 0.5          # after which what was published before a bearing or a command has arrived
+LATEST_S = 3.0           # for which a command waits for inputs that were published later: an observer may be behind
 MOTION_LIFETIME_S = 0.4  # after the newest measurement: 0.3 of pointing, and 0.1 through the middleware
 OLDEST_S = 1.0           # age on publication from which a measurement justifies nothing
 LONGEST_STEP_S = 1.0     # commands may be lost on the way to the observer
@@ -199,7 +200,10 @@ class CommandJudge:
     def judge(self, now: float) -> None:
         """Judge the commands that arrived long enough before `now` (s)."""
         while self._waiting and self._waiting[0][0] < now - ARRIVED_S:
-            _, stamp, command = self._waiting.popleft()
+            arrived, stamp, command = self._waiting[0]
+            if arrived > now - LATEST_S and not all(each and each[-1] > stamp for each in self._arrivals.values()):
+                return
+            self._waiting.popleft()
             self._judge(command, stamp)
 
     def _judge(self, command: PointingCommand, stamp: float) -> None:
