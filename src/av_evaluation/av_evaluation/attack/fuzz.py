@@ -20,7 +20,7 @@ from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
-from av_common.freshness import Instant
+from av_common.freshness import FUTURE_S, Instant
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_common.stamps import to_seconds, to_stamp
@@ -51,16 +51,15 @@ def parameters(package: str, node: str, **overrides: Any) -> Any:
 class Witness:
     """What has arrived, by the steady clock: knows which motion of the body is justified.
 
-    A stamp counts from its first arrival: what is sent again is no new measurement.
+    A stamp of an input counts from its first arrival: what is sent again is no new measurement.
     """
 
     def __init__(self) -> None:
-        self._first: dict[str, dict[float, tuple[float, float]]] = {'measurement': {}, 'odometry': {}}
+        self._first: dict[str, dict[float, tuple[float, float]]] = {name: {} for name in INPUTS.values()}
         self._stated: dict[float, float] = {}    # when a bearing first stated a measurement
 
     def note(self, message: Any, now: Instant, contested: bool) -> None:
         """Note a message on its arrival `now`, of an input that is contested or not."""
-        kind = 'odometry' if isinstance(message, Odometry) else 'measurement'
         useless = (isinstance(message, DoaArray) and not message.hypotheses) or (
             isinstance(message, Detection2DArray) and not message.detections)
         try:
@@ -68,7 +67,7 @@ class Witness:
         except ValueError:
             return
         if not (useless or contested):
-            self._first[kind].setdefault(stamp, (now.steady, now.ros - stamp))
+            self._first[INPUTS[type(message)]].setdefault(stamp, (now.steady, now.ros - stamp))
 
     def state(self, bearing: Bearing, now: Instant) -> None:
         """Note what a bearing states on its arrival `now`."""
@@ -79,11 +78,12 @@ class Witness:
         if not command.move_body or abs(command.yaw_rate) < ROUNDING:
             return ''
         measured = -1.0 if bearing is None else to_seconds(bearing.measured)
-        found = next((kept for stamp, kept in self._first['measurement'].items() if abs(stamp - measured) < SAME_S), None)
+        found = max((kept for name in ('doa', 'detections') for stamp, kept in self._first[name].items()
+                     if abs(stamp - measured) < SAME_S), default=None)    # of two inputs, the one that arrived later
         if found is None:
             return f'turns on a bearing of {measured:.3f} s, of which no measurement can be used'
         arrived, late = found
-        if now.steady - arrived + max(late, 0.0) > OLDEST_S + ROUNDING:
+        if now.steady - arrived + max(late, -FUTURE_S) > OLDEST_S + ROUNDING:    # stamps may be as far ahead as clocks
             return f'turns {now.steady - arrived + late:.2f} s after the capture of its newest measurement'
         if (age := now.steady - self._stated[measured]) > STANDS_S:
             return f'turns {age:.2f} s after a bearing stated its newest measurement first'

@@ -42,6 +42,8 @@ class InputGate:
         # A stamp from the future would let the tracker refuse all measurements until then.
         if not -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S):
             self.foreign_stamps[name] += 1
+            if stamp > arrival:  # sent before it can have been captured: it is nothing new when its time has come
+                self._stamps[name].append(stamp)
             return False
         if name in self.contested or stamp in self._stamps[name]:  # the same capture again is no new information
             return False
