@@ -33,6 +33,7 @@ class Conditions:
         age_jitter (s): standard deviation of the ages of bearings and odometry, at most the age; messages keep their order.
         stamped: bearings are stamped with the time of what they show; otherwise with that of their arrival.
         bearing_rate, odometry_rate, tick_rate (Hz): of the messages, and of commands without them.
+        irregular: largest share by which an interval between bearings differs from the mean one.
         odometry_age (s): age of odometry on its arrival.
         noise (rad): standard deviation of bearings.
         stalls (s): longest of the stalls of the process that gives commands, of which there are two a second; 0 for none.
@@ -50,6 +51,7 @@ class Conditions:
     odometry_rate: float = 50.0
     odometry_age: float = 0.01
     tick_rate: float = 30.0
+    irregular: float = 0.0
     noise: float = 0.0
     stalls: float = 0.0
     world: bool = True
@@ -121,7 +123,8 @@ class _Simulation:
 
     def _send(self, kind: str, rate: float, age: float, time: float) -> None:
         if time >= self._due[kind]:
-            self._due[kind] += 1.0 / rate
+            varied = self._conditions.irregular if kind == 'bearing' else 0.0
+            self._due[kind] += (1.0 + (varied * self._random.uniform(-1.0, 1.0) if varied else 0.0)) / rate
             late = max(age + min(self._conditions.age_jitter, age) * self._random.standard_normal(), 0.0)
             self._arrives[kind] = max(time + late, self._arrives.get(kind, 0.0))    # the middleware keeps the order
             self._on_the_way.append((self._arrives[kind], kind, time, self.vehicle.angle))

@@ -1,4 +1,4 @@
-"""The body's yaw: steered by where the body will be when a command shows, and braked when bearings cease."""
+"""The body's yaw: steered by where the body will be when a command shows, as fast as it can still be stopped in time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_pointing.response import Ahead, BodyMotion, LatencyEstimator, Response
 
-SOONEST_BRAKE_S = 0.15             # after the arrival of the newest measurement, at which a fast body is braked
-FAST = math.radians(30.0)          # rad/s, of such a body
-COAST = math.radians(9.0)          # turn after its rate is commanded 0 for which a body need not be braked
+TURNS_ON = math.radians(9.6)       # turn from STOPPED_S on after the newest measurement: less than 10 deg, as promised
+# s, age of the newest measurement up to which any body is driven: PX4 at 30 deg/s, then commanded 0, turns on by TURNS_ON.
+# Faster bodies and slower vehicles turn on further, in proportion to rate and lag.
+SOONEST_S = 0.11
+STOP_S = 0.3                       # age of the newest measurement after which that turn counts
+STOPPED_S = 1.0 / 30.0             # time from the end of `left` to that promise: a period of commands
+SHARES = (np.arange(20) + 0.5) / 20.0    # of the time that is left, at which a stop is predicted
+CANDIDATES = np.linspace(-1.0, 1.0, 9)[:, None]    # next rates, from the lowest to the highest that the acceleration allows
 BRAKED_SHARE = 0.5                 # share of the predicted further turn that is braked: the prediction may be wrong
 LEAST_BRAKED = math.radians(3.0)   # rad/s, slower turns are not braked
 DELAY_FACTOR, UNCERTAINTY_FACTOR, FASTEST = 0.35, 1.0, 4.0   # of the bandwidth (1/s), see `BodyAxis.bandwidth`
@@ -57,7 +62,7 @@ class BodyAxis:
         self.age, self._spread = 0.0, 0.0
         self._rates: deque[tuple[float, float]] = deque(maxlen=100)   # time, rate of the aim
         self._axis = LimitedAxis(limits)
-        self._driven = self._measurement_age = math.inf
+        self._lost = 0.0    # turn (rad) that was not commanded because of a stop that was not needed
 
     def limit_rate(self, rate: float) -> None:
         """Turn no faster than `rate` (rad/s) from now on."""
@@ -108,7 +113,7 @@ class BodyAxis:
             self._spread += AGE_MEMORY * ((age - self.age) ** 2 - self._spread)
             self.age += AGE_MEMORY * (age - self.age) if self.age else age
 
-    def turn(self, time: float, dt: float, aim: Aim, dead_band: float, measurement_age: float, left: float,
+    def turn(self, time: float, dt: float, aim: Aim, dead_band: float, left: float,
              fastest: float = math.inf) -> None:
         """Turn towards an aim while its measurements are fresh; later, against the body's rotation.
 
@@ -117,16 +122,20 @@ class BodyAxis:
             dt (s): duration of the step.
             aim: where to.
             dead_band (rad): error below which the body only follows the aim's rate.
-            measurement_age (s): time since the newest measurement arrived.
             left (s): time until the rate must be 0.
             fastest (rad/s): limit of the rate, in addition to that of the axis.
         """
         ahead = self.motion.ahead(time)
-        drive = self._drive_until(ahead, measurement_age, measurement_age + left) - measurement_age
-        if drive > 0.0:
-            self._steer(time, dt, aim, dead_band, ahead, min(fastest, self._axis.limits.acceleration * drive))
-        else:
-            self._brake(time, dt, ahead, left)
+        axis, sense = self._axis, math.copysign(1.0, ahead.further or self._axis.velocity)
+        lowest, most = sense * axis.velocity - axis.limits.acceleration * dt, self._fastest_safe(ahead, dt, left)
+        before = axis.velocity
+        self._steer(time, dt, aim, dead_band, ahead, fastest)
+        wanted = axis.velocity
+        if sense * wanted > most:
+            axis.velocity = before if most <= lowest else sense * most
+            if most <= lowest:
+                self._brake(time, dt, ahead, left)
+        self._lost += (wanted - axis.velocity) * self.motion.response.gain * dt
 
     def stop(self, dt: float) -> None:
         """Bring the commanded rate to 0 as fast as the limits allow, in a step of `dt` s."""
@@ -144,15 +153,29 @@ class BodyAxis:
         self.motion.command(time, self._axis.velocity if moves else 0.0)
         return self._axis.velocity
 
-    def _drive_until(self, ahead: Ahead, age: float, latest: float) -> float:
-        """Age (s) of the newest measurement until which the body is driven: the less the faster it turns."""
-        response = self.motion.response
-        slow = COAST / (response.dead_time + response.lag)
-        share = min(max((abs(ahead.rate) - slow) / max(FAST - slow, 1e-3), 0.0), 1.0)
-        until = latest - share * max(latest - SOONEST_BRAKE_S, 0.0)
-        self._driven = min(self._driven, until) if age >= self._measurement_age else until
-        self._measurement_age = age
-        return self._driven
+    def _fastest_safe(self, ahead: Ahead, dt: float, left: float) -> float:
+        """The rate (rad/s, in the body's sense of rotation) from which it can still be stopped if no measurement comes.
+
+        A stop brings the rate down by the acceleration to the opposite one, of which BRAKED_SHARE counts, and back to 0 in
+        time. What the body turns after that is linear in what is commanded until then. inf: any rate that can be commanded.
+        """
+        response, limits = self.motion.response, self._axis.limits
+        sense, most = math.copysign(1.0, ahead.further or self._axis.velocity), limits.acceleration
+        rates = sense * self._axis.velocity + most * dt * CANDIDATES
+        if left <= STOPPED_S:
+            return float(rates[0, 0])
+        times = left * SHARES
+        opposite = -np.minimum(most * (left - times), limits.rate)
+        stop = np.maximum(np.minimum(rates, rates - most * (times - STOPPED_S)), opposite)
+        stop = np.where(stop < 0.0, BRAKED_SHARE * stop, stop)
+        until = left + STOPPED_S - response.dead_time    # from when a command of now shows
+        turned_later = np.exp(-np.maximum(until - times, 0.0) / response.lag)
+        turns_on = (abs(ahead.further) * math.exp(-max(until, 0.0) / response.lag)
+                    + response.gain * left * (stop @ turned_later) / SHARES.size)
+        spare = STOP_S - response.dead_time - SOONEST_S
+        least = response.lag * math.exp(-max(spare, 0.0) / response.lag) + max(-spare, 0.0)
+        allowed = max(TURNS_ON, abs(ahead.rate) * least)
+        return math.inf if turns_on[-1] <= allowed else float(np.interp(allowed, turns_on, rates[:, 0]))
 
     def _steer(self, time: float, dt: float, aim: Aim, dead_band: float, ahead: Ahead, fastest: float) -> None:
         motion, response, most = self.motion, self.motion.response, self._axis.limits.rate
@@ -163,7 +186,12 @@ class BodyAxis:
         azimuth = aim.azimuth + (aim.rate + 0.5 * acceleration * elapsed) * elapsed
         error = wrap(azimuth - turned) - ahead.further + rate * response.lag
         beyond = math.copysign(max(abs(error) - dead_band, 0.0), error)
-        self._axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, self.bandwidth)
+        # What was not commanded is no matter of feedback: it is certain, and made up for as fast as without any delay.
+        self._lost = min(max(self._lost, min(beyond, 0.0)), max(beyond, 0.0))
+        certain = self._lost / beyond if beyond else 0.0
+        self._lost -= self._lost * min(FASTEST * dt, 1.0)
+        gain = self.bandwidth + certain * (FASTEST - self.bandwidth)
+        self._axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, gain)
 
     def _brake(self, time: float, dt: float, ahead: Ahead, left: float) -> None:
         """Turn against the body's rotation, where odometry confirms it, by a part of what it would turn further."""

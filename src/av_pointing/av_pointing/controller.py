@@ -105,7 +105,7 @@ class PointingSettings:
 
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
     tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(60), math.radians(180), -1.4, 0.8))
-    yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(360)))
+    yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(900)))
     response: Response = field(default_factory=Response)
     coast: float = 2.0
     on_stale: str = 'hold'
@@ -232,7 +232,7 @@ class PointingController:
             self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and stale != '')
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
-            self.body.turn(time, dt, aim, DEAD_BAND, ages.measurement, left, SEARCH_RATE)
+            self.body.turn(time, dt, aim, DEAD_BAND, left, SEARCH_RATE)
             self.gimbal.follow(dt, None, None)
         elif mode == Mode.LOOK and (look := _look_of(track)) is not None:
             self.body.stop(dt)
@@ -330,7 +330,7 @@ class PointingController:
         if not settings.move_body:
             body.stop(dt)
         elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
-            body.turn(time, dt, aim, DEAD_BAND, ages.measurement, ages.body_left - PERIOD_S)
+            body.turn(time, dt, aim, DEAD_BAND, ages.body_left - PERIOD_S)
 
     def _elevation(self, track: Track, ahead: float) -> float | None:
         """Elevation (rad) in the world of a track `ahead` s later, None while it has none."""

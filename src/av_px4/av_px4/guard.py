@@ -14,11 +14,11 @@ from av_px4.handover import EXTERNAL_MODES, OFFBOARD, Handover, VehicleStatus
 
 STOP_WITHIN = 0.3                  # s from staleness to standstill; for command, measurement and attitude from their arrival
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
-SLOW_WITHIN = 0.15                 # s from the newest command or measurement, up to which a body of any rate is driven
 DEAD_TIME, LAG = 0.1, 0.4          # s, of PX4's answer to a yaw rate, as flown
 TURNS_ON = math.radians(9.6)       # rad, by which a body turns on after STOP_WITHIN: less than the 10 deg that are promised
-MAX_ACCELERATION = math.radians(400.0)    # rad/s^2, largest change of the yaw rate; PX4's own answer is slower
-LARGEST_RATE = MAX_ACCELERATION * (STOP_WITHIN - MARGIN)    # rad/s, from which it can stop in time: 100 deg/s
+FAST = math.radians(30.0)          # rad/s, up to which that is promised; a faster one turns on in proportion to its rate
+MAX_ACCELERATION = math.radians(900.0)    # rad/s^2, largest change of the yaw rate: by FAST within a period of commands, 1/30 s
+LARGEST_RATE = math.radians(100.0)        # rad/s; it takes a ninth of a second to 0
 COMMAND_TIMEOUT = 0.25             # s, age from which a pointing command is stale
 BEARING_TIMEOUT = 0.3              # s, age from which a bearing's newest measurement is stale
 ATTITUDE_TIMEOUT = 0.2             # s, 20 periods of PX4's attitude
@@ -36,10 +36,10 @@ def driven_until(rate: float) -> float:
 
     A rate that is commanded 0 at an age T, in the middle of the braking, shows for DEAD_TIME more and then dies away with LAG:
     the body turns on by LAG * rate * exp(-(STOP_WITHIN - DEAD_TIME - T) / LAG) after STOP_WITHIN. That is TURNS_ON at most, for
-    up to 30 deg/s; a faster one has no more time than SLOW_WITHIN.
+    up to FAST; a faster one has as much time as that.
     """
-    step = STOP_WITHIN - DEAD_TIME + LAG * math.log(TURNS_ON / (LAG * max(rate, 1e-3)))
-    return min(max(step + 0.5 * rate / MAX_ACCELERATION, SLOW_WITHIN), STOP_WITHIN - MARGIN)
+    step = STOP_WITHIN - DEAD_TIME + LAG * math.log(TURNS_ON / (LAG * min(max(rate, 1e-3), FAST)))
+    return min(step + 0.5 * rate / MAX_ACCELERATION, STOP_WITHIN - MARGIN)
 
 
 @dataclass(frozen=True)

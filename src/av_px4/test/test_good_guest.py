@@ -176,6 +176,30 @@ class TestConsent:
         flight.run(3.0)
         assert flight.model.nav_state == RETURN and flight.model.failsafe
 
+    @pytest.mark.parametrize('firmware', OWN)
+    def test_a_shutdown_in_the_own_mode_is_hold(self, firmware):
+        """No failsafe: the mode ends, the body stands, and a new process waits for the pilot to select it again."""
+        flight = in_own_mode(firmware)
+        place = flight.model.position
+        flight.send(flight.rig.stop(flight.now))
+        flight.rig = None
+        flight.run(4.0)
+        assert flight.model.nav_state == HOLD and not flight.model.failsafe and flight.model.yaw_rate == 0.0
+        assert not flight.model.modes and math.dist(flight.model.position, place) < 0.01
+        flight.start()
+        flight.run(4.0, **TURN)
+        assert flight.model.nav_state == HOLD and flight.model.yaw_rate == 0.0
+        assert select(flight, flight.own_mode) and flight.run(3.0, until=lambda flight: flight.model.yaw_rate == RATE, **TURN)
+
+    def test_a_shutdown_in_offboard_stops_the_body_and_px4_takes_over(self):
+        """By its failsafe, as COM_OBL_RC_ACT says: nothing else is in charge of OFFBOARD."""
+        flight = in_offboard()
+        flight.send(flight.rig.stop(flight.now))
+        flight.rig, turned = None, flight.model.turned
+        flight.run(4.0)
+        assert flight.model.failsafe and flight.model.nav_state == RETURN and flight.model.yaw_rate == 0.0
+        assert abs(flight.model.turned - turned) < 0.3 * 0.5 + 0.01    # by dead time and lag
+
     @pytest.mark.parametrize('own', ['agent', 'PX4'])
     def test_the_mode_is_registered_once_whatever_restarts(self, own):
         """In Hold: the agent is away for 6 s, or PX4 starts anew and knows of nothing."""
