@@ -3,7 +3,8 @@
 Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"pilot": 14}, {"set": {"acknowledges": false}},
 {"silence": ["vehicle_status"]}, {"connected": false}, {"speak": {"vehicle_status": "vehicle_status_v2"}},
 {"reset_heading": 0.5}, {"point": {...} or null}, {"target": {"azimuth": 1.0, "rate": 0.2, "age": 0.3} or null},
-{"program": {"speed": 2.0, "sends": true} or null}), writes its state twenty times a second.
+{"program": {"speed": 2.0, "sends": true} or null}), or a line of PX4's shell (commander takeoff, commander mode ext1); writes
+its state twenty times a second.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 WRITES = QoSProfile(depth=5, reliability=BEST_EFFORT, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 READS = QoSProfile(depth=20, reliability=BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
 RIG = QoSProfile(depth=20)
+COMMANDER = {'commander takeoff': {'set': {'armed': True}}, 'commander mode ext1': {'pilot': 23},
+             'commander mode offboard': {'pilot': 14}}
 CLOCK_LAG = 0.187      # s by which PX4's synchronised clock was seen to lag
 
 
@@ -67,9 +70,9 @@ class Target:
 class Program:
     """Another program of the user, which flies its path in OFFBOARD: north with a speed (m/s), at a height of 2 m."""
 
-    def __init__(self, speed, sends=True):
+    def __init__(self, speed, sends=True, namespace=''):
         self.speed, self.sends, self.begin = speed, sends, None    # silent ones keep their publishers
-        self.node = rclpy.create_node('path_follower')
+        self.node = rclpy.create_node('path_follower', namespace=namespace)
         self.heartbeat, self.setpoint = (self.node.create_publisher(getattr(messages, kind), f'fmu/in/{name}', READS)
                                          for name, kind in (('offboard_control_mode', 'OffboardControlMode'),
                                                             ('trajectory_setpoint', 'TrajectorySetpoint')))
@@ -233,7 +236,7 @@ class FakeNode:
     def obey_program(self, value):
         if self.program is not None:
             self.program.node.destroy_node()
-        self.program = Program(**value) if value else None
+        self.program = Program(**value, namespace=self.node.get_namespace()) if value else None
 
 
 def read_orders(orders):
@@ -251,10 +254,13 @@ def main():
     parser.add_argument('--system', type=int, default=1)
     parser.add_argument('--pilot', type=int, help='the mode that the pilot selects whenever PX4 lets him')
     parser.add_argument('--stale', nargs='*', default=[], help='topics of another firmware that a stale agent offers')
+    parser.add_argument('--parameters', help="MNT_MODE_IN at the start of PX4's SITL, which begins on the ground")
     options = parser.parse_args()
     rclpy.init()
     fake = FakeNode(options.firmware, options.told, options.namespace, options.system, options.stale)
     fake.pilot = options.pilot
+    if options.parameters is not None:
+        fake.obey_set({'armed': False, 'gimbal_input': options.parameters in ('0', '4')})
     orders = queue.SimpleQueue()
     threading.Thread(target=read_orders, args=(orders,), daemon=True).start()
     due, executor = time.monotonic(), SingleThreadedExecutor()
@@ -268,7 +274,7 @@ def main():
             line = orders.get()
             if not line:
                 return
-            fake.obey(json.loads(line))
+            fake.obey(COMMANDER[line.strip()] if line.startswith('commander') else json.loads(line))
         if fake.pilot not in (None, fake.model.nav_state):
             fake.model.select_mode(fake.pilot)
 

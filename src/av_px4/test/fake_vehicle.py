@@ -17,16 +17,42 @@ from ros_domains import free_domain
 FAKE = Path(__file__).with_name('fake_autopilot_node.py')
 
 
-class FakeVehicle:
-    """Starts the fake autopilot; `tell` sends it orders, `wait` waits for a state."""
+STAND_INS = {
+    'make': 'test "$*" = "px4_sitl sihsim_quadx" && exec {fake}',
+    'build/px4_sitl_default/bin/px4':
+        'test "$PX4_SIM_MODEL $1" = "sihsim_quadx -i" && exec {fake} --namespace px4_$2 --system $(($2 + 1))',
+    'build/px4_sitl_default/bin/px4-commander': 'test "$1" = --instance && echo "$2 commander ${{*:3}}"'}
 
-    def __init__(self, firmware='1.16', *options, domain=None, namespace='', px4_msgs=None):
+
+def stand_ins(folder, firmware):
+    """Programs of PX4, by the names and arguments of the tutorials; vehicles wait on the ground for a takeoff.
+
+    What px4-commander is told it prints, with the number of the instance.
+    """
+    fake = f'{sys.executable} {FAKE} {firmware} --parameters "$PX4_PARAM_MNT_MODE_IN"'
+    for name, line in STAND_INS.items():
+        program = folder / name
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.write_text(f'#!/usr/bin/env bash\n{line.format(fake=fake)}\n')
+        program.chmod(0o755)
+    return folder
+
+
+class FakeVehicle:
+    """Starts the fake autopilot; `tell` sends it orders, `wait` waits for a state.
+
+    typed: the command that starts it, instead, in a folder of `stand_ins`, which also come first in PATH.
+    """
+
+    def __init__(self, firmware='1.16', *options, domain=None, namespace='', typed='', folder=None):
         self.firmware, self.namespace = firmware, namespace
-        self.environment = {**os.environ, **overlay(px4_msgs or firmware), 'ROS_DOMAIN_ID': str(domain or free_domain())}
+        self.environment = {**os.environ, **overlay(firmware), 'ROS_DOMAIN_ID': str(domain or free_domain())}
         options = (*options, *(('--namespace', namespace) if namespace else ()))
-        self.state, self._lines = {}, []
-        self._process = subprocess.Popen([sys.executable, str(FAKE), firmware, *options], stdin=subprocess.PIPE,
-                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
+        command = ['bash', '-c', f'exec env {typed}'] if typed else [sys.executable, str(FAKE), firmware, *options]
+        path = {'PATH': f'{folder}:{os.environ["PATH"]}'} if folder else {}
+        self.state = {}
+        pipes = dict.fromkeys(('stdin', 'stdout', 'stderr'), subprocess.PIPE)
+        self._process = subprocess.Popen(command, **pipes, text=True, env=self.environment | path, cwd=folder)
         threading.Thread(target=self._read, daemon=True).start()
         self._nodes = []
 
@@ -46,7 +72,11 @@ class FakeVehicle:
         return process
 
     def tell(self, **order):
-        self._process.stdin.write(json.dumps(order) + '\n')
+        self.type(json.dumps(order))
+
+    def type(self, line):
+        """A line in PX4's shell."""
+        self._process.stdin.write(line + '\n')
         self._process.stdin.flush()
 
     def wait(self, condition, seconds=20.0, why=''):

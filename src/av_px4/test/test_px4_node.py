@@ -8,7 +8,6 @@ import sys
 
 import pytest
 from fake_vehicle import FakeVehicle
-from ros_domains import free_domain
 
 pytestmark = pytest.mark.system
 OWN = [1, 191]
@@ -112,23 +111,6 @@ def test_fields_of_another_firmware_are_not_decoded():
         assert vehicle.state['heartbeats'] == vehicle.state['setpoints'] == 0
     finally:
         vehicle.close()
-
-
-def test_two_vehicles_in_their_namespaces():
-    """As PX4's multi-vehicle guide starts them: each has its own gimbal and its own mode."""
-    domain = free_domain()
-    vehicles = [FakeVehicle('1.18', '--system', str(number + 1), domain=domain, namespace=f'px4_{number}') for number in (1, 2)]
-    try:
-        for sign, vehicle in zip((1.0, -1.0), vehicles, strict=True):
-            vehicle.tell(point={'pan': 0.5 * sign})
-            vehicle.node()
-        for number, (sign, vehicle) in enumerate(zip((1.0, -1.0), vehicles, strict=True), 2):
-            vehicle.wait(looks(math.degrees(0.5 * sign), 0.0), why=f'the gimbal of {number}')
-            vehicle.wait(lambda state: list(state['modes'].values()) == [['AV Track', 23]], why=f'the mode of {number}')
-            assert vehicle.state['owner'] == [number, 191]
-    finally:
-        for vehicle in vehicles:
-            vehicle.close()
 
 
 def test_what_px4_says_is_what_the_rig_hears(vehicle):
