@@ -180,6 +180,8 @@ class FakeAutopilot:
 
     def _enter(self, nav_state, why):
         self.events.append(f'mode {nav_state}: {why}')
+        if nav_state == self.nav_state:
+            return    # nav_state_timestamp stays
         self.nav_state, self.wanted_rate, self.wanted_position, self.changed = nav_state, 0.0, None, self.time
         if nav_state in (RETURN, LAND):   # these take the gimbal
             self.owner, self.gimbal_wanted = None, [0.0, 0.0]

@@ -283,6 +283,13 @@ class TestPilot:
             flight.run(2.5, **TURN)
             assert flight.model.yaw_rate == RATE and flight.model.nav_state == mode
 
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_who_selects_the_mode_that_he_has_changes_nothing(self, begin):
+        flight = begin()
+        assert flight.model.select_mode(flight.model.nav_state)
+        flight.run(2.0, **TURN)
+        assert flight.model.yaw_rate == RATE and not flight.model.failsafe
+
     @pytest.mark.parametrize('missing', ['status', 'local_position', 'command_ack', 'attitude odometry'])
     def test_what_goes_stale_stops_it_and_moves_it_when_it_is_back_and_he_wants_it(self, missing):
         flight = in_offboard()
