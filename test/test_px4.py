@@ -12,7 +12,7 @@ from fake_vehicle import FakeVehicle, stand_ins
 from px4_layouts import overlay
 from rig_process import RigProcess
 from ros_domains import free_domain
-from test_documents import tool
+from tutorials import tool
 from udp_ports import free_offset
 
 pytestmark = pytest.mark.system
