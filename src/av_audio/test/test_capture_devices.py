@@ -15,6 +15,7 @@ from av_audio.localizer import Localizer
 from av_audio.ring_buffer import RingBuffer
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
+from av_common.sample_clock import FAST_SLEW
 
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 
@@ -97,9 +98,10 @@ def test_the_direction_of_played_sound_is_found_and_stamps_are_regular(card, sou
     assert np.mean([estimate.confidence[0] > 0.9 for estimate in estimates[-20:]]) == 1.0
     firsts = np.array([first for first, _, _ in blocks])
     stamps = np.array([stamp for _, _, stamp in blocks])
-    # a machine that stalls may lose samples or deliver the first block late: both are counted
-    irregular = np.abs(np.diff(stamps) - np.diff(firsts) / RATE) > 1e-4
-    assert np.count_nonzero(irregular) <= source[0].clock.restarts
+    # a machine that stalls may lose samples, which is counted, or deliver the first blocks late, to which times are slewed
+    irregular = np.abs(np.diff(stamps) - np.diff(firsts) / RATE)
+    assert np.count_nonzero(irregular > FAST_SLEW * np.diff(firsts) / RATE + 1e-4) <= source[0].clock.restarts
+    assert np.median(irregular) < 1e-4
     gaps = np.diff(firsts) - [len(samples) for _, samples, _ in blocks[:-1]]
     assert np.count_nonzero(gaps) <= source[0].overflows + source[0].reopened
     assert source[0].opened < stamps[0] <= stamps[-1] < read

@@ -24,7 +24,7 @@ STILL = Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
 
 @pytest.mark.parametrize(('fields', 'fault'), [
     ({'pan': math.nan}, 'pan is not finite'), ({'tilt_rate': math.inf}, 'tilt is not finite'),
-    ({'tilt': 1.0}, 'tilt is out'), ({'yaw_rate': 0.9}, 'yaw is out'), ({'yaw_rate': 0.2}, 'yaw accelerates'), ({}, '')])
+    ({'tilt': 1.0}, 'tilt is out'), ({'yaw_rate': 0.9}, 'yaw is out'), ({'yaw_rate': 0.5}, 'yaw accelerates'), ({}, '')])
 def test_limits_of_commands(fields, fault):
     limits = CommandLimits(PointingSettings())
     assert not limits.check(STILL, 1.0)
