@@ -19,6 +19,7 @@ from av_network.report import Report, Sighting
 
 MOST_TRACKS = 50  # of one rig: its filter has no more
 LEAST_EXISTENCE = 0.5  # of a rig's target
+PUBLISHED = 0.5  # probability of existence from which a target of the network is published
 OLDEST_S = 2.0  # age of a message that is used
 MOST_POSITION_M = 1e6  # of a rig or target, along each axis
 LONGEST_S = 1.0  # from the first direction of a report to the newest one

@@ -17,7 +17,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.geodesy import Datum, to_enu
 from av_network.hypothesis_filter import largest_sigmas
-from av_network.messages import check_age, check_version, direction_message, is_place, report_of, target_message
+from av_network.messages import PUBLISHED, check_age, check_version, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
@@ -26,7 +26,6 @@ from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
-REPORTED = 0.5  # probability of existence from which a target is published
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
@@ -163,7 +162,7 @@ class NetworkStage:
         for report in self.queue.ready(now):
             self.tracker.use(report)
         tracks = [target_message(state, self._names) for state in self.tracker.states(now)
-                  if state.existence >= REPORTED and (state.positioned or state.rigs)]
+                  if state.existence >= PUBLISHED and (state.positioned or state.rigs)]
         tracks += self._lone(now)
         datum = self.settings.datum
         return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=self.settings.frame), latitude=datum.latitude,
@@ -179,7 +178,7 @@ class NetworkStage:
             now (s): the present.
         """
         found = {}
-        positioned = [state for state in self.tracker.states(now) if state.existence >= REPORTED and state.positioned]
+        positioned = [state for state in self.tracker.states(now) if state.existence >= PUBLISHED and state.positioned]
         for index, name in enumerate(self._names):
             place = self._positions.get(name)
             if place is None:

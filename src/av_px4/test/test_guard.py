@@ -125,7 +125,7 @@ def test_no_history_leads_to_harm():
         settle(guard, replace(GOOD, status=VehicleStatus(4, True, False)), time)
         decisions = settle(guard, GOOD, time + 0.6)
         assert decisions[-1].yaw_rate == pytest.approx(0.5) and decisions[-1].heartbeat
-    assert turned > SEQUENCES / 2 and refused > SEQUENCES   # the histories do reach motion and refusal
+    assert turned > 0.95 * SEQUENCES and refused > SEQUENCES   # the histories do reach motion and refusal
 
 
 class TestOneByOne:

@@ -14,7 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
 from av_network.city.grid import Grid
-from av_network.messages import check_age, check_version, is_place, report_of, target_message
+from av_network.messages import PUBLISHED, check_age, check_version, is_place, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
@@ -22,7 +22,6 @@ from av_network.tracker import NetworkTracker
 
 MARGIN_M = 30.0  # beyond its border to which a cell tracks, so that it has a track before it takes it over
 WAIT_S = 0.5  # for late reports
-PUBLISHED = 0.5  # probability of existence above which a target is published
 FRESH_S = 2.0  # age of a neighbour's track, or of an own one, whose name counts
 MOST_RIGS, MOST_TARGETS = 500, 100  # of one cell
 NEIGHBOURS = 8

@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
-from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+from vision_msgs.msg import Detection2DArray
 
 from av_audio.messages import samples_of
 from av_common.angles import wrap
@@ -32,11 +32,13 @@ from av_fusion.measurement.gimbal import gimbal_rotations
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import pose_of
 from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import direction
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
 from av_view.doctor.finding import Finding
 from av_view.doctor.marker import Marker, find_marker
 from av_view.doctor.microphones import DIRECTIONS, claps, judge_order
-from av_vision.messages import image_from_message
+from av_vision.detections import Detections
+from av_vision.messages import detections_message, image_from_message
 
 CLASS = 'marker'  # of a sighting of the marker
 PICTURE_PERIOD_S = 0.2  # between two pictures that are searched
@@ -59,7 +61,7 @@ class Observed:
         rate (Hz): of the samples.
         sound: blocks of samples (n, channels).
         heard, seen: directions of windows, and images with the marker or a target.
-        headings: times and unwrapped headings.
+        headings: times and headings.
         markers: with the direction (azimuth, elevation) of each, NaN while the camera is not known.
     """
 
@@ -118,7 +120,8 @@ class LiveCheck:
     def steps(self) -> list[Step]:
         """What a person is asked to do, in turn."""
         array = self._array()
-        spans = {side: float(np.ptp(array.positions @ _unit(math.radians(DIRECTIONS[side])))) for side in ('left', 'ahead')}
+        spans = {side: float(np.ptp(array.positions @ direction(math.radians(DIRECTIONS[side]), 0.0)))
+                 for side in ('left', 'ahead')}
         sides = ('left', 'right') if spans['left'] > 0.5 * spans['ahead'] else ('ahead', 'behind')
         return [
             Step('rig', 'waiting for the topics of the rig', 15.0, self._judge_topics),
@@ -153,8 +156,7 @@ class LiveCheck:
         pose = pose_of(message)
         if pose is not None:
             self._motion.add(pose)
-            yaw, known = self._motion.yaw(pose.time), self.observed.headings
-            known.append((pose.time, known[-1][1] + float(wrap(yaw - known[-1][1])) if known else yaw))
+            self.observed.headings.append((pose.time, self._motion.yaw(pose.time)))
 
     def on_gimbal(self, message: GimbalState, arrival: float) -> None:
         """Take the gimbal's orientation, which arrived at a time (s)."""
@@ -173,11 +175,9 @@ class LiveCheck:
         if marker is None:
             return
         self._marked = time
-        found = Detection2D(results=[ObjectHypothesisWithPose()])
-        found.results[0].hypothesis.class_id, found.results[0].hypothesis.score = CLASS, 1.0
-        found.bbox.center.position.x, found.bbox.center.position.y = marker.column, marker.row
-        found.bbox.size_x = found.bbox.size_y = marker.side
-        best = self._see(Detection2DArray(header=message.header, detections=[found]))
+        half = 0.5 * marker.side
+        box = [marker.column - half, marker.row - half, marker.column + half, marker.row + half]
+        best = self._see(detections_message(message.header, Detections(np.array([box]), np.ones(1), (CLASS,)), ['']))
         self.observed.markers.append((marker, *(best or (math.nan, math.nan))))
 
     def on_detections(self, message: Detection2DArray) -> None:
@@ -246,9 +246,10 @@ class LiveCheck:
         headings = self.observed.headings
         if not headings:
             return [_missing('odometry')] if over else []
-        turned = headings[-1][1] - headings[0][1]
-        recent = [heading for time, heading in headings if time > headings[-1][0] - 1.0]
-        if not over and (abs(turned) < QUARTER or max(recent) - min(recent) > 0.2 * STILL):
+        times, yaws = np.array(headings).T
+        yaws = np.unwrap(yaws)
+        turned = float(yaws[-1] - yaws[0])
+        if not over and (abs(turned) < QUARTER or np.ptp(yaws[times > times[-1] - 1.0]) > 0.2 * STILL):
             return []
         words = f'the odometry turned by {math.degrees(turned):+.0f} deg while the rig turned to its left'
         if abs(turned) < STILL:
@@ -322,10 +323,6 @@ class LiveCheck:
         apart = math.degrees(float(np.median([difference for difference, _ in pairs])))
         return [Finding('sound and sight', 'ok', f'sound and sight differ by {apart:.1f} deg (median), and nothing contradicts '
                         'the description')]
-
-
-def _unit(azimuth: float) -> NDArray:
-    return np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
 
 
 def _words(side: str) -> str:
