@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 FUTURE_S = 0.1  # a stamp further ahead than this proves that a clock is wrong
 DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: what had been captured by then is 1 s old
-REMEMBERED = 64  # number of stamps from the future that never become new, when their time has come
+REMEMBERED = 64  # stamps that never count again: a middleware or a network that sends a message twice does so soon
 
 
 class Instant(NamedTuple):
@@ -56,7 +56,8 @@ class FreshInput:
     Only a stamp later than all before counts as new data, captured after all before by the steady clock, too: repeated,
     republished and reordered messages do not, nor what was captured before the node's clock stepped forth. Ages grow with the
     steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
-    step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count.
+    step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count. None
+    that arrived before, used or not, counts when its time comes again.
 
     Attributes:
         refused: number of stamps from the future, and of steps of the node's clock back.
@@ -70,7 +71,7 @@ class FreshInput:
         self.refused = 0
         self._clock = clock or CaptureClock()
         self._latency = latency
-        self._future: deque[float] = deque(maxlen=REMEMBERED)
+        self._known: dict[float, None] = {}  # stamps that arrived, the newest of them
         self._newest = self._captured = self._fresh = self._distrusted = -math.inf
 
     def take(self, stamp: float, now: Instant) -> bool:
@@ -80,13 +81,12 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
+        is_known = self._is_known(stamp)
         if not max(stamp, self._newest) <= now.ros + FUTURE_S:
-            if stamp not in self._future:
-                self._future.append(stamp)
             self._newest, self._distrusted = -math.inf, now.steady
             self.refused += 1
             return False
-        if stamp <= self._newest or stamp in self._future:
+        if is_known or stamp <= self._newest:
             return False
         self._newest = stamp
         if now.steady - self._distrusted < DISTRUST_S:
@@ -104,8 +104,18 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
+        self._is_known(stamp)
         if stamp <= now.ros + FUTURE_S:
             self._newest = max(self._newest, stamp)
+
+    def _is_known(self, stamp: float) -> bool:
+        """Whether a stamp arrived before, which is remembered."""
+        if stamp in self._known:
+            return True
+        self._known[stamp] = None
+        if len(self._known) > REMEMBERED:
+            del self._known[next(iter(self._known))]
+        return False
 
     def age(self, now: Instant) -> float:
         """Time (s) since the newest data arrived, or since it was captured if that is longer by more than `latency`.

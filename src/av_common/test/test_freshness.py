@@ -66,6 +66,19 @@ def test_a_stamp_from_the_future_never_becomes_new_however_rarely_it_is_repeated
         assert data.age(at(1.2 * k)) == math.inf and data.refused == min(k + 1, 3)
 
 
+@pytest.mark.parametrize('how', ['used', 'late', 'skipped'])
+def test_what_arrived_before_a_step_back_is_not_new_when_its_time_comes_again(how):
+    """Used then, older than another one then, or of a contested input."""
+    data = FreshInput()
+    assert data.take(START - 0.9, at(0.0))
+    getattr(data, 'skip' if how == 'skipped' else 'take')(START + (-1.5 if how == 'late' else 0.1), at(0.2))
+    repeated, step = START + (-1.5 if how == 'late' else 0.1), -3.0
+    data.take(START + 0.3 + step, at(0.3, 0.3 + step))
+    time = repeated - START - step + 0.01
+    assert not data.take(repeated, at(time, time + step))
+    assert data.take(repeated + 0.005, at(time, time + step)) and data.age(at(time, time + step)) < 0.01
+
+
 def test_after_a_step_back_the_data_of_the_new_time_counts():
     """Although its stamps are earlier than those before."""
     data = FreshInput()
