@@ -104,8 +104,8 @@ def test_the_first_flight(walk, monkeypatch):
     assert not page.commands, 'commands of the page that nobody walked'
     rig.interrupt()
     rig.finish()
-    assert vehicle.wait(lambda state: state['owner'] is None, why='the gimbal given back')
-    assert not rig.leftovers()
+    state = vehicle.wait(lambda state: state['owner'] is None and state['nav_state'] == 4, why='gimbal given back, Hold')
+    assert not state['failsafe'] and not rig.leftovers()
 
 
 def test_two_vehicles(walk):

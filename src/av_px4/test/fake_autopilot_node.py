@@ -96,7 +96,7 @@ class FakeNode:
         self.firmware = FakeFirmware(firmware, messages, told, system=system)
         self.model, self.silent, self.point, self.program = self.firmware.model, set(), None, None
         self.connected, self.spoken, self.said = True, {}, {}
-        self.pilot, self.counts = None, {}
+        self.pilot, self.counts, self.lock = None, {}, threading.Lock()
         self.publishers = {name: self.node.create_publisher(*self.topic('out', name, kind), WRITES)
                            for name, kind in self.firmware.outputs.items()}
         for name, kind in self.firmware.inputs.items():
@@ -131,10 +131,11 @@ class FakeNode:
     def input(self, name):
         """What is done with an input while the agent runs."""
         def take(message):
-            if self.connected:
-                self.counts[name] = self.counts.get(name, 0) + (message.timestamp > 0)    # the program leaves it at 0
-                for reply in self.firmware.take(name, message, self.timestamp()):
-                    self.publish(*reply)
+            with self.lock:
+                if self.connected:
+                    self.counts[name] = self.counts.get(name, 0) + (message.timestamp > 0)    # the program leaves it at 0
+                    for reply in self.firmware.take(name, message, self.timestamp()):
+                        self.publish(*reply)
         return take
 
     def on_diagnostics(self, m):
@@ -263,20 +264,32 @@ def main():
         fake.obey_set({'armed': False, 'gimbal_input': options.parameters in ('0', '4')})
     orders = queue.SimpleQueue()
     threading.Thread(target=read_orders, args=(orders,), daemon=True).start()
-    due, executor = time.monotonic(), SingleThreadedExecutor()
+    # A thread: where a busy machine makes ticks late, what is received does not wait for them.
+    executor = SingleThreadedExecutor()
     executor.add_node(fake.node)
+    threading.Thread(target=executor.spin, daemon=True).start()
+    due = time.monotonic()
     while True:
-        executor.spin_once(timeout_sec=max(0.0, min(due - time.monotonic(), PERIOD)))
-        while time.monotonic() >= due:
-            fake.tick()
-            due = max(due + PERIOD, time.monotonic() - 0.1)
-        while not orders.empty():
-            line = orders.get()
-            if not line:
+        time.sleep(max(0.0, min(due - time.monotonic(), PERIOD)))
+        with fake.lock:
+            due = step(fake, due, orders)
+            if due is None:
                 return
-            fake.obey(COMMANDER[line.strip()] if line.startswith('commander') else json.loads(line))
-        if fake.pilot not in (None, fake.model.nav_state):
-            fake.model.select_mode(fake.pilot)
+
+
+def step(fake, due, orders):
+    """Ticks that are due, then orders; the time of the next tick, None at the end of the orders."""
+    while time.monotonic() >= due:
+        fake.tick()
+        due = max(due + PERIOD, time.monotonic() - 0.1)
+    while not orders.empty():
+        line = orders.get()
+        if not line:
+            return None
+        fake.obey(COMMANDER[line.strip()] if line.startswith('commander') else json.loads(line))
+    if fake.pilot not in (None, fake.model.nav_state):
+        fake.model.select_mode(fake.pilot)
+    return due
 
 
 if __name__ == '__main__':
