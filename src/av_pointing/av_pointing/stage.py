@@ -88,14 +88,13 @@ class PointingStage:
             message: pose of the rig.
             arrival: time of its arrival.
         """
-        q = message.pose.pose.orientation
-        if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
-            stamp = to_seconds(message.header.stamp)
-            if 'odometry' in self.contested:
-                self._odometry.skip(stamp, arrival)
-            elif self._odometry.take(stamp, arrival):
-                age = max(arrival.ros - stamp, 0.0)
-                self.controller.on_attitude(arrival.steady - age, attitude_of(q))
+        q, stamp = message.pose.pose.orientation, to_seconds(message.header.stamp)
+        is_attitude = 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0
+        if 'odometry' in self.contested or not is_attitude:
+            self._odometry.skip(stamp, arrival)
+        elif self._odometry.take(stamp, arrival):
+            age = max(arrival.ros - stamp, 0.0)
+            self.controller.on_attitude(arrival.steady - age, attitude_of(q))
 
     def on_yaw_rate_limit(self, message: Float32) -> None:
         """Note the largest yaw rate (rad/s) that whoever obeys the commands lets through. Raises ValueError for none."""

@@ -84,6 +84,23 @@ def test_an_input_with_two_publishers_stops_the_body(topic):
     assert command.reason == 'following the bearing'
 
 
+def test_a_pose_that_came_without_attitude_is_not_new_when_it_comes_again():
+    """Ahead of its stamp the first time: the body stands 0.35 s after the newest pose that it could use."""
+    stage = make_stage()
+    for k in range(20):
+        assert move(stage, bearing(START + 0.05 * k, 0.5), START + 0.05 * k).move_body
+    pose = Odometry()
+    pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(START + 1.1), 0.0
+    stage.on_odometry(pose, at(START + 1.0))
+    pose.pose.pose.orientation.w = 1.0
+    for k in range(20):
+        time = START + 1.0 + 0.02 * k
+        if k == 11:
+            stage.on_odometry(pose, at(time))
+        command = stage.on_bearing(bearing(time, 0.5), at(time))
+        assert time < START + 0.95 + 0.35 or command.yaw_rate == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(('values', 'named'), [
     ({'body_follows_at_deg': 150.0}, r'body_follows_at_deg is 150, .*expected less than 150'),
     ({'body_follows_at_deg': 90.0, 'pan_limits_deg': [-60.0, 120.0]}, 'body_follows_at_deg is 90, .*expected less than 60'),
