@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 FUTURE_S = 0.1  # a stamp further ahead than this proves that a clock is wrong
 DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: what had been captured by then is 1 s old
-REMEMBERED = 64  # stamps that never count again: a middleware or a network that sends a message twice does so soon
+REMEMBERED = 64  # stamps of each kind that never count again: a middleware or a network that sends a message twice does so soon
 
 
 class Instant(NamedTuple):
@@ -57,7 +57,7 @@ class FreshInput:
     republished and reordered messages do not, nor what was captured before the node's clock stepped forth. Ages grow with the
     steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
     step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count. None
-    that arrived before, used or not, counts when its time comes again.
+    of the last REMEMBERED that arrived, used or not, counts when its time comes again.
 
     Attributes:
         refused: number of stamps from the future, and of steps of the node's clock back.
@@ -71,7 +71,8 @@ class FreshInput:
         self.refused = 0
         self._clock = clock or CaptureClock()
         self._latency = latency
-        self._known: dict[float, None] = {}  # stamps that arrived, the newest of them
+        self._recent: deque[float] = deque(maxlen=REMEMBERED)
+        self._future: deque[float] = deque(maxlen=REMEMBERED)  # apart: others would displace them before their time comes
         self._newest = self._captured = self._fresh = self._distrusted = -math.inf
 
     def take(self, stamp: float, now: Instant) -> bool:
@@ -81,7 +82,7 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
-        is_known = self._is_known(stamp)
+        is_known = self._is_known(stamp, now)
         if not max(stamp, self._newest) <= now.ros + FUTURE_S:
             self._newest, self._distrusted = -math.inf, now.steady
             self.refused += 1
@@ -104,17 +105,15 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
-        self._is_known(stamp)
+        self._is_known(stamp, now)
         if stamp <= now.ros + FUTURE_S:
             self._newest = max(self._newest, stamp)
 
-    def _is_known(self, stamp: float) -> bool:
-        """Whether a stamp arrived before, which is remembered."""
-        if stamp in self._known:
+    def _is_known(self, stamp: float, now: Instant) -> bool:
+        """Whether a stamp arrived before; it is remembered."""
+        if stamp in self._recent or stamp in self._future:
             return True
-        self._known[stamp] = None
-        if len(self._known) > REMEMBERED:
-            del self._known[next(iter(self._known))]
+        (self._recent if stamp <= now.ros + FUTURE_S else self._future).append(stamp)
         return False
 
     def age(self, now: Instant) -> float:

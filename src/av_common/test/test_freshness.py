@@ -66,6 +66,17 @@ def test_a_stamp_from_the_future_never_becomes_new_however_rarely_it_is_repeated
         assert data.age(at(1.2 * k)) == math.inf and data.refused == min(k + 1, 3)
 
 
+@pytest.mark.parametrize('note', [FreshInput.take, FreshInput.skip])
+def test_a_stamp_from_the_future_is_not_forgotten_beside_an_input_of_100_hz(note):
+    """Its time comes 3 s and 300 other messages later."""
+    data = FreshInput()
+    note(data, START + 3.0, at(0.0))
+    for k in range(1, 300):
+        data.take(START + 0.01 * k, at(0.01 * k))
+    assert data.age(at(2.995)) < 0.01
+    assert not data.take(START + 3.0, at(3.0))
+
+
 @pytest.mark.parametrize('how', ['used', 'late', 'skipped'])
 def test_what_arrived_before_a_step_back_is_not_new_when_its_time_comes_again(how):
     """Used then, older than another one then, or of a contested input."""
