@@ -15,6 +15,7 @@ from machine_load import skip_figures_where_overloaded
 from nav_msgs.msg import Odometry
 from network_hosts import two_hosts
 from rig_process import RigProcess
+from ros_domains import TUTORIAL_DOMAIN
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 from udp_ports import free_offset
@@ -147,6 +148,7 @@ def test_the_tutorial_of_two_computers(tmp_path, monkeypatch):
         monkeypatch.setenv(name, value.replace('$PWD', str(ROOT)))
     command = re.search(r'^ros2 launch av_fusion rig.launch.py (.*namespace:=left)$', text, re.MULTILINE)[1].split()
     domain, rigs = int(os.environ['ROS_DOMAIN_ID']), {}
+    assert domain == TUTORIAL_DOMAIN
     with two_hosts() as hosts:
         for host, (name, file) in zip(hosts, files.items(), strict=True):
             arguments = [word.replace('hardware', 'file').replace('left', name) for word in command]
