@@ -24,7 +24,6 @@ from av_common.rig import Rig, load_rig
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
-from av_sim_bridge.receiving.direction_check import DirectionCheck
 from av_sim_bridge.receiving.streams import (
     AudioStream,
     CaptureStamps,
@@ -39,6 +38,7 @@ from av_sim_bridge.receiving.streams import (
 )
 from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.ports import FIRST_TARGET_ID, RIG_ID
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import check_truth, encode_truth
 from av_vision.encoded_image import decode_image
@@ -46,28 +46,23 @@ from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
+WORLD_FRAME = 'map'    # of positions (ENU; REP-105)
 Output = tuple[str, Any]    # topic and message
 
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Numbers of the vehicles, and options of the topics.
+    """Number of the targets, and options of the topics.
 
     Parameters:
-        rig_id: number of the rig in the simulator.
-        target_id: number of the first target.
-        targets: number of targets, whose numbers are consecutive from `target_id`.
-        world_frame: frame of positions (ENU) in odometry and truth.
+        targets: number of targets.
         follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
         oracle_detections: whether the visual oracle's reports become `detections`.
         ring_buffer_bytes (bytes): size of the buffer between `on_audio` and `read_audio`.
         max_image_pixels: maximum number of pixels of an image; 0 for twice as many as the rig's camera has.
     """
 
-    rig_id: int = 1
-    target_id: int = 2
     targets: int = 1
-    world_frame: str = 'map'
     follow_odometry: bool = False
     oracle_detections: bool = False
     ring_buffer_bytes: int = 200_000
@@ -76,8 +71,8 @@ class BridgeSettings:
     @property
     def target_topics(self) -> dict[int, str]:
         """Topic of each target's true state, by the target's number."""
-        others = range(self.target_id + 1, self.target_id + self.targets)
-        return {self.target_id: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
+        others = range(FIRST_TARGET_ID + 1, FIRST_TARGET_ID + self.targets)
+        return {FIRST_TARGET_ID: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
 
 
 class BridgeStage:
@@ -89,14 +84,13 @@ class BridgeStage:
     Parameters:
         rig: description of the rig: microphones, camera and frames.
         layout: format of the samples in audio datagrams.
-        settings: numbers of the vehicles, and options of the topics.
+        settings: number of the targets, and options of the topics.
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
         self.rig, self._layout, self._settings = rig, layout, settings
         self._clock = CommonClock()
         self._ring = RingBuffer(layout.channels, settings.ring_buffer_bytes, layout.dtype)
-        self._direction = DirectionCheck(layout.sample_rate)
         stamps = CaptureStamps()
         self._audio = AudioStream(layout, self._ring, self._clock)
         self._most_pixels = settings.max_image_pixels or 2 * max(each.width * each.height for each in rig.cameras.values())
@@ -104,7 +98,7 @@ class BridgeStage:
         self._images = {camera: ImageStream(self._clock, stamps, camera, most_bytes) for camera in rig.cameras}
         self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
         self.target_topics = settings.target_topics
-        names = {settings.rig_id: 'rig_truth'} | {
+        names = {RIG_ID: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
@@ -125,9 +119,7 @@ class BridgeStage:
         if not len(samples):
             return None
         header = messages.make_header(self._audio.stamp(first), self.rig.array.frame)
-        samples = self._layout.to_float(samples)
-        self._direction.add(samples)
-        return audio_frame(samples, first, self._layout.sample_rate, header)
+        return audio_frame(self._layout.to_float(samples), first, self._layout.sample_rate, header)
 
     def on_image(self, datagram: bytes, arrival: float, sender: Sender,
                  camera: str = 'camera') -> StampedImage | Detection2DArray | None:
@@ -170,8 +162,8 @@ class BridgeStage:
         state = self._truth.take(datagram, arrival, sender)
         if state is None:
             return []
-        header = messages.make_header(state.stamp, self._settings.world_frame)
-        if state.copter_id == self._settings.rig_id:
+        header = messages.make_header(state.stamp, WORLD_FRAME)
+        if state.copter_id == RIG_ID:
             message = messages.odometry_message(header, self.rig.base_frame, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
@@ -223,17 +215,12 @@ class BridgeStage:
     def on_odometry(self, odometry: Odometry) -> bytes | None:
         """The datagram of the rig's pose for the simulator's control port; None for an impossible pose, which is counted."""
         try:
-            truth = to_truth(messages.vehicle_state(odometry), self._settings.rig_id)
+            truth = to_truth(messages.vehicle_state(odometry), RIG_ID)
             check_truth(truth)
         except ValueError:
             self._unusable_odometry += 1
             return None
         return encode_truth(truth)
-
-    @property
-    def problem(self) -> str:
-        """Reason why the audio stream is unusable, empty if none is known."""
-        return self._direction.problem
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
@@ -247,7 +234,6 @@ class BridgeStage:
                 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync.offset_s,
-                'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1),
                 'audio blocks undated': self._audio.undated} | clocks
 
 
