@@ -28,7 +28,6 @@ setup(
         'console_scripts': [
             'monitor_node = av_evaluation.nodes.monitor_node:main',
             'attack = av_evaluation.cli.attack:main',
-            'drone_types = av_evaluation.cli.drone_types:main',
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
             'faults = av_evaluation.cli.faults:main',
@@ -37,7 +36,6 @@ setup(
             'hearing = av_evaluation.cli.hearing:main',
             'network = av_evaluation.cli.network:main',
             'multi_target = av_evaluation.cli.multi_target:main',
-            'pointing = av_evaluation.cli.pointing:main',
             'range = av_evaluation.cli.range:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from closed_loop import Conditions, close_loop
 from std_msgs.msg import Float32
 
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
-from av_evaluation.closed_loop import Conditions, close_loop
 from av_pointing.controller import LEAD_S, Command, Mode, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage

@@ -11,7 +11,6 @@ from itertools import repeat
 from pathlib import Path
 
 from av_evaluation.experiments.front_back import METHODS, draw_starts, resolve, summarise
-from av_evaluation.experiments.turning_rooms import turn_in_room
 
 LATEST_S, MOST_WRONG = 5.0, 0.01
 LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimbal shows the drone
@@ -20,10 +19,6 @@ LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimb
 def main(arguments: list[str] | None = None) -> int:
     """Simulate the starts with each method and print the table; returns 1 where the filter misses its bounds."""
     options = _parser().parse_args(arguments)
-    return _in_rooms(options) if options.rooms else _from_starts(options)
-
-
-def _from_starts(options: argparse.Namespace) -> int:
     methods = options.methods or (['planned', 'gimbal'] if options.seen else ['planned', 'fixed', 'published'])
     starts = draw_starts(options.starts, options.seed)
     until = 'see and resolve' if options.seen else 'resolve'
@@ -47,26 +42,6 @@ def _from_starts(options: argparse.Namespace) -> int:
         missed = _missed(ours, figures.get('published')) if ours else []
     print('\n'.join(f'MISSED: {line}' for line in missed) or 'holds')
     return 1 if missed else 0
-
-
-def _in_rooms(options: argparse.Namespace) -> int:
-    seeds = range(options.seed, options.seed + options.rooms)
-    with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
-        found = list(pool.map(turn_in_room, seeds, repeat(options.data)))
-    count = len(found)
-    declared, wrong = (sum(getattr(run, name) for run in found) for name in ('declared', 'wrong'))
-    times = sorted(run.first for run in found)
-    firsts, ends = sum(run.first_wrong for run in found), [run.ends for run in found]
-    print(f'{count} rooms (from seed {options.seed}), T60 0.3 to 0.7 s, 5 to 20 dB, the rig turns as asked, nothing is seen')
-    print(f'declared on the wrong side: {wrong} of {declared} bearings ({100.0 * wrong / max(declared, 1):.1f} %), '
-          f'first declaration {firsts} of {count}, at the end {ends.count(-1)} of {count}')
-    print(f'undecided at the end: {100.0 * ends.count(0) / count:.1f} %; first declaration after {times[count // 2]:.1f} s '
-          f'(median), {times[min(round(0.9 * count), count - 1)]:.1f} s (90 %)')
-    if options.out:
-        options.out.write_text(json.dumps([asdict(run) for run in found], indent=1) + '\n')
-    holds = wrong < MOST_WRONG * max(declared, 1)
-    print('holds' if holds else f'MISSED: expected less than {100.0 * MOST_WRONG:.0f} % of the declarations wrong')
-    return 0 if holds else 1
 
 
 def _missed(ours: dict[str, float], published: dict[str, float] | None) -> list[str]:
@@ -94,9 +69,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--methods', nargs='+', choices=METHODS,
                         help='to compare; with --seen planned and gimbal, else all but gimbal')
     parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
-    parser.add_argument('--rooms', type=int, default=0, help='instead: number of random reverberant rooms, of pyroomacoustics')
-    parser.add_argument('--data', type=Path, default=Path('../shared/data'),
-                        help='folder of recordings for --rooms (%(default)s)')
     parser.add_argument('--out', type=Path, help='JSON file for every start and its results')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
