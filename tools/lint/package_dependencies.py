@@ -23,7 +23,7 @@ KEYS = {
     'soundfile': 'python3-soundfile', 'transforms3d': 'python3-transforms3d', 'yaml': 'python3-yaml',
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
-OPTIONAL = {'audio_common_msgs', 'foxglove', 'google', 'lz4', 'onnx',
+OPTIONAL = {'audio_common_msgs', 'google', 'lz4', 'onnx',
             'pyroomacoustics', 'px4_msgs', 'pytak', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools',
             'websockets', 'zenoh'}
 # Dependencies of a package without an import.

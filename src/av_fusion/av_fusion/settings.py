@@ -62,7 +62,7 @@ def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         parameters, gimbal: as for `make_tracker`.
     """
     p = parameters
-    machine = MachineSettings(p.tau, p.hysteresis, p.dwell)
+    machine = MachineSettings(p.tau)
     delays = {'sound_delay': p.sound_delay, 'sight_delay': p.sight_delay}
     if p.method == 'gated':
         return GatedTracker(GatedSettings(machine=machine, **delays))

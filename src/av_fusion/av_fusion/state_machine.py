@@ -10,28 +10,22 @@ from av_common.track import State
 
 @dataclass(frozen=True)
 class MachineSettings:
-    """Settings of `StateMachine`. The published machine has neither hysteresis nor dwell time.
+    """Settings of `StateMachine`.
 
     Parameters:
         tau: score of a detection from which the camera leads.
-        hysteresis: difference below tau at which the camera stops leading.
-        dwell (s): least time in a state.
         sight_timeout, sound_timeout (s): age up to which an image, or a direction of arrival, is used.
 
     Raises ValueError for values out of range.
     """
 
     tau: float = 0.5
-    hysteresis: float = 0.0
-    dwell: float = 0.0
     sight_timeout: float = 0.5
     sound_timeout: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tau <= 1.0:
             raise ValueError(f'tau is {self.tau}, expected a score between 0 and 1')
-        if not 0.0 <= self.hysteresis <= self.tau:
-            raise ValueError(f'hysteresis is {self.hysteresis}, expected 0 to tau ({self.tau})')
 
 
 class StateMachine:
@@ -93,31 +87,27 @@ class StateMachine:
             why: why none is followed; empty where nothing is tracked.
         """
         settings = self.settings
-        gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
         recent_image = time - self._newest_image <= settings.sight_timeout
         if not tracked:
             wanted = State.NONE
-        elif recent_image and self.sight_confidence >= gate:
+        elif recent_image and self.sight_confidence >= settings.tau:
             wanted = State.VISUAL_ACTIVE
         else:
             recent_doa = time - self._associated_doa <= settings.sound_timeout
             wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
-        if wanted != self.state:
-            urgent = not tracked or self.state in (State.NONE, State.COASTING)
-            if urgent or time - self.changed >= settings.dwell:
-                self.state, self.changed = wanted, time
-                self.reason = self._reason(wanted, gate, recent_image, why)
-        elif not tracked:
-            self.reason = self._reason(wanted, gate, recent_image, why)
+        if wanted != self.state or not tracked:
+            self.changed = time if wanted != self.state else self.changed
+            self.state, self.reason = wanted, self._reason(wanted, recent_image, why)
         return self.state
 
     def diagnostics(self) -> dict[str, str]:
         """State and reason, as texts for diagnostics."""
         return {'state': self.state.name, 'reason': self.reason}
 
-    def _reason(self, state: State, gate: float, recent_image: bool, why: str) -> str:
+    def _reason(self, state: State, recent_image: bool, why: str) -> str:
         if state == State.NONE:
             return f'no target: {why or "nothing is heard or seen"}'
+        gate = self.settings.tau
         if state == State.VISUAL_ACTIVE:
             return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
         weak_sight = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'

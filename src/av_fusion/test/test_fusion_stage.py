@@ -312,7 +312,7 @@ def test_after_a_step_of_the_clock_silence_is_told_as_soon_as_ever(method, step,
     ({'detection_probability': 0.0}, 'detection_probability is 0, .*0.1 or more'),
     ({'detection_probability': 0.05}, 'detection_probability is 0.05, .*0.1 or more'),
     ({'sound_delay': -1.5}, 'sound_delay is -1.5 s, .*expected less'), ({'sight_delay': 0.6}, 'sight_delay is 0.6 s'),
-    ({'target_classes': ['']}, r"target_classes is \[''\], .*expected a name"), ({'hysteresis': 0.6}, 'hysteresis is 0.6')])
+    ({'target_classes': ['']}, r"target_classes is \[''\], .*expected a name")])
 def test_parameters_that_exclude_everything_are_refused_by_name(values, named):
     with pytest.raises(ValueError, match=named):
         FusionNode.check_parameters(node_parameters('av_fusion', 'fusion_node', overrides=values))

@@ -5,5 +5,4 @@ from av_common.exports import exports
 __all__, __getattr__ = exports(__name__, {
     'rig_state': 'RigState',
     'server': 'ViewServer',
-    'foxglove_port': 'FoxglovePort',
 })

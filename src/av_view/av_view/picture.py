@@ -1,9 +1,8 @@
-"""Pictures for viewers: images of any size and depth as small JPEG files, each with the detections that were made in it."""
+"""Pictures for viewers: images of any size and depth as small JPEG files, once their detections have come."""
 
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
 
 import cv2
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from av_vision.image import to_bgr8
 
 LONGEST_NS, MOST_BYTES = 1_500_000_000, 64 << 20  # of the images that wait for their detections
+WIDTH, QUALITY = 640, 70  # pixels, to which larger pictures are reduced; of JPEG
 STAMP = struct.Struct('<iI')  # of a header, after the encapsulation: the first field of an image
 
 
@@ -43,35 +43,9 @@ class RecentImages:
         return self._images.get(stamp)
 
 
-class Picture(NamedTuple):
-    """A picture for viewers.
-
-    Parameters:
-        data: a JPEG file.
-        time (s): when it was taken.
-        width, height (pixels): its size.
-    """
-
-    data: bytes
-    time: float
-    width: int
-    height: int
-
-    @classmethod
-    def of(cls, image: NDArray, time: float, most_width: int, quality: int) -> Picture:
-        """The picture of an image, reduced where it is wider than `most_width`.
-
-        Parameters:
-            image (h, w[, channels]): any image that `to_bgr8` accepts.
-            time (s): when it was taken.
-            most_width (pixels): largest width.
-            quality: 1 to 100.
-
-        Raises ValueError for an array that is no image.
-        """
-        height, width = image.shape[:2]
-        if width > most_width:
-            width, height = most_width, max(round(height * most_width / width), 1)
-            image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-        data = cv2.imencode('.jpg', to_bgr8(image), [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-        return cls(data, time, width, height)
+def jpeg_of(image: NDArray) -> bytes:
+    """A JPEG file of an image (h, w[, channels]), reduced to WIDTH. Raises ValueError for an array that is no image."""
+    height, width = image.shape[:2]
+    if width > WIDTH:
+        image = cv2.resize(image, (WIDTH, max(round(height * WIDTH / width), 1)), interpolation=cv2.INTER_AREA)
+    return cv2.imencode('.jpg', to_bgr8(image), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()

@@ -172,7 +172,7 @@ def test_it_subscribes_only_while_somebody_looks(rig):
         assert state['state']['bearing']['azimuth'] == pytest.approx(np.degrees(0.5), abs=0.1)
         picture = receive(viewer, lambda content: isinstance(content, bytes))
         image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
-        assert image.shape == (320, 640, 3)  # reduced to picture_width
+        assert image.shape == (320, 640, 3)  # reduced
         health = receive(viewer, lambda content: isinstance(content, dict) and content['type'] == 'health')
         assert '/pointing_node' in [entry['node'] for entry in health['nodes']] and 'enable' in health['offers']
     assert wait_for(lambda: rig.topics() == {'/diagnostics'})

@@ -42,7 +42,8 @@ class FusionNode(RigNode):
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys((
         'acceleration_density', 'fixed_emitters.enabled', 'fixed_emitters.learn_after', 'look.dwell', 'look.enabled',
         'min_sound_confidence', 'rate_sigma_deg', 'rotation.fixed_deg', 'rotation.patience', 'rotation.sector_deg',
-        'self_calibration.memory', 'sight_timeout', 'sound_timeout', 'targets.acceleration_density'), 'it is a constant')
+        'self_calibration.memory', 'sight_timeout', 'sound_timeout', 'targets.acceleration_density'), 'it is a constant') | {
+            'hysteresis': 'it is 0, as published', 'dwell': 'it is 0, as published'}
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'tau', 'confirm_threshold'})
 

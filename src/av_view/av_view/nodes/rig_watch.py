@@ -39,16 +39,14 @@ from av_interfaces.msg import (
 from av_view.camera_view import CameraView
 from av_view.coherence import Coherence
 from av_view.feed import Feed
-from av_view.foxglove_port import Shown
 from av_view.markers import markers, world_markers
 from av_view.numbers import STALE_S
-from av_view.picture import Picture, RecentImages
+from av_view.picture import RecentImages, jpeg_of
 from av_view.rig_state import RigState
 from av_view.rows import row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
-JPEG_QUALITY = 70  # of the pictures
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
 CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
 NEWEST, NEWEST_RESULT = (QoSProfile(depth=1, reliability=qos.reliability) for qos in (STREAM, RESULT))
@@ -75,7 +73,7 @@ class RigWatch:
 
     Attributes:
         seen (s): when somebody last looked, by `time.monotonic`.
-        shown: the newest state and picture.
+        snapshot: the newest state.
 
     Parameters:
         node: owns the subscriptions.
@@ -89,7 +87,7 @@ class RigWatch:
         self._state = state = RigState()
         self._images, self._detections = RecentImages(), Detection2DArray()
         self._pictured = (0, False)  # stamp (ns) of the image that is shown, and whether its detections are
-        self.shown = Shown(state.snapshot(node.now()), None)
+        self.snapshot = state.snapshot(node.now())
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
@@ -139,16 +137,16 @@ class RigWatch:
             picture = self._new_picture(pictures)
         except BAD_INPUT as error:
             self._node.refused.refuse('camera/image_raw', error)
-            picture = None
-        snapshot = self._state.snapshot(self._node.now())
-        self.shown, new = Shown(snapshot, picture or self.shown.picture), picture.data if picture else b''
-        state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
-        self._put(lambda feed: feed.put(state, row, new))
+            picture = b''
+        self.snapshot = self._state.snapshot(self._node.now())
+        state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False)
+                      for part in (self.snapshot, row_of(self.snapshot)))
+        self._put(lambda feed: feed.put(state, row, picture))
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        made = markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
-        if self.shown.snapshot['world'] is not None:
+        made = markers(self.snapshot, self._state.sound, self._settings.base_frame)
+        if self.snapshot['world'] is not None:
             made.markers.extend(world_markers(self._state.world.message))
         return made
 
@@ -175,10 +173,10 @@ class RigWatch:
         self._state.on_detections(message, self._converter.detections(message))
         self._detections = message
 
-    def _new_picture(self, encode: bool) -> Picture | None:
+    def _new_picture(self, encode: bool) -> bytes:
         """The image in which the newest detections were made, so that boxes fit; without detections the newest image.
 
-        None where it is shown already, or where it is not to be encoded.
+        Empty where it is shown already, or where it is not to be encoded.
         """
         header = self._detections.header
         stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
@@ -187,13 +185,13 @@ class RigWatch:
         if data is None and not (detected and self._pictured[1] and self._images.get(self._pictured[0])):
             stamp, detected, data = self._images.newest, False, self._images.get(self._images.newest)
         if data is None or (stamp, detected) == self._pictured:
-            return None
+            return b''
         first, self._pictured = stamp != self._pictured[0], (stamp, detected)
         message = self._decode_image(data)
         taken, image = to_seconds(message.header.stamp), image_from_message(message)
         self._look_through(message.header.frame_id, taken)
         self._state.on_picture(taken, (message.width, message.height), self._detections if detected else None)
-        return Picture.of(image, taken, self._settings.picture_width, JPEG_QUALITY) if encode and first else None
+        return jpeg_of(image) if encode and first else b''
 
     def _look_through(self, frame: str, time: float) -> None:
         """Note how the camera is turned at the time (s) of a picture."""

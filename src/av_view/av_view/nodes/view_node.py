@@ -25,7 +25,6 @@ from av_common.refused_inputs import BAD_INPUT
 from av_view.access import Access, PrivateAddress
 from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
-from av_view.foxglove_port import FoxglovePort
 from av_view.health import MOST_NODES, Health
 from av_view.memory import settle
 from av_view.nodes.rig_control import RigControl
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
 
 HEALTH_PERIOD_S = 1.0
 LINGER_S = 20.0  # from the end of the last viewer until nothing is subscribed any more
+RATE_HZ = 10.0  # most pictures and updates a second, which cost 7 % of a core for one viewer
 NICENESS = 10  # of this process below those of the rig, once the page is up
 UNSEEN_PERIOD_S = 20.0  # of a look at /diagnostics while nobody looks at a rig
 DIAGNOSTICS = QoSProfile(depth=MOST_NODES, reliability=RESULT.reliability)
@@ -52,7 +52,8 @@ class ViewNode(RigNode):
 
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
         'most_updates': 'it is 200 Hz', 'most_viewers': 'it is 100, and 20 with the token', 'jpeg_quality': 'it is 70',
-        'linger': 'it is 20 s', 'niceness': 'it is 10'}
+        'linger': 'it is 20 s', 'niceness': 'it is 10', 'picture_width': 'it is 640',
+        'foxglove_port': 'run foxglove_bridge'}
 
     def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)
@@ -66,14 +67,13 @@ class ViewNode(RigNode):
         self._health = Health()
         self._watches: dict[str, RigWatch] = {}
         self._looked = self._heard = 0.0
-        self._marked = self._in_foxglove = False
+        self._marked = False
         self._markers = self.create_publisher(MarkerArray, 'view/markers', RESULT)
         self._own = self.get_namespace().rstrip('/')
 
     def activate(self) -> None:
         """Serve the page. Raises OSError where the address cannot be bound."""
         settings = self._settings
-        self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
         self._control = RigControl(self, BagFolder(settings.bags))
         self.server = ViewServer(settings.bind_address, settings.port, self._access, self._control.act)
         try:
@@ -87,14 +87,12 @@ class ViewNode(RigNode):
         if self._owns_process:
             lower_priority(NICENESS)
         self._diagnostics = self.while_active(self.create_reader, DiagnosticArray, '/diagnostics', DIAGNOSTICS)
-        self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Close all connections."""
         for rig in list(self._watches):
             self._unwatch(rig)
-        if self._foxglove is not None:
-            self._foxglove.close()
         self.server.stop()
         if self._access.token:
             PrivateAddress(self.server.port).remove()
@@ -119,15 +117,12 @@ class ViewNode(RigNode):
         if due:
             self._looked = now
             self._marked = self._markers.get_subscription_count() > 0
-            self._in_foxglove = self._foxglove is not None and self._foxglove.watched
-        if self._marked or self._in_foxglove:
+        if self._marked:
             wanted.add(self._own)
         self._watch_wanted(wanted, watched, now)
         own = self._watches.get(self._own)
         if own is not None and self._marked:
             self._markers.publish(own.markers())
-        if own is not None and self._foxglove is not None and self._in_foxglove:
-            self._foxglove.put(own.shown)
         if due and (self._watches or now - self._heard >= UNSEEN_PERIOD_S):
             self._look(now)
 
@@ -148,7 +143,7 @@ class ViewNode(RigNode):
             if now - watch.seen > LINGER_S:
                 self._unwatch(rig)
             else:
-                watch.update(rig in watched or self._in_foxglove)
+                watch.update(rig in watched)
 
     def _look(self, now: float) -> None:
         """What is done once a second: find true poses, and report health."""
