@@ -50,7 +50,7 @@ VARIANTS: dict[str, list[dict]] = {
     'pointing_node': [{'follow_cues': True}],
     'px4_node': [{'offboard': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],
-    'report_node': [{'positions': True, 'traffic.enabled': True}],
+    'report_node': [{'positions': True}],
     'rig_frames_node': [{'rig_file': RIG_GIMBAL}],
     'view_node': [{'port': 0}],
 }

@@ -88,8 +88,6 @@ def check_settings(values: Any) -> None:
     node_id = values.sapient.node_id
     if node_id and not is_uuid(node_id, 4):  # the middleware acknowledges no others
         raise ValueError(f'sapient.node_id is {node_id!r:.80}, expected a UUID of version 4, or nothing for one of its own')
-    if values.traffic.enabled and not values.positions:
-        raise ValueError('traffic.enabled is true and positions is false: bearings are no positions')
     if values.cot.url:
         check_address(cot_address(values))
 

@@ -19,7 +19,6 @@ from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
 from av_reports.cot.settings import CotSettings
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
-from av_reports.nodes.traffic_output import TrafficOutput
 from av_reports.outputs import CotOutput, LogOutput, Output
 from av_reports.peer import parse_peer
 from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
@@ -42,7 +41,8 @@ class ReportNode(RigNode):
         'cot.callsign': "it is the rig's namespace, rig without one", 'cot.target_type': 'it is a-u-A-M-H-Q',
         'cot.rig_type': 'it is a-f-G-E-S', 'cot.stale': 'it is 10 s', 'cot.rig_stale': 'it is 120 s',
         'cot.interval': 'it is 1 s', 'cot.sensor_range': 'it is 500 m', 'log.max_megabytes': 'it is 500',
-        'cot.multicast_interface': "the system's routes decide", 'traffic.topic': 'it is fmu/in/transponder_report'}
+        'cot.multicast_interface': "the system's routes decide", **dict.fromkeys(
+            ('traffic.enabled', 'traffic.geoid_height', 'traffic.topic'), 'targets are not told to PX4')}
 
     def __init__(self) -> None:
         super().__init__('report_node', parameters)
@@ -92,8 +92,6 @@ class ReportNode(RigNode):
             self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
         if settings.log.folder:
             self._outputs['log'] = LogOutput(Path(settings.log.folder).expanduser(), CotSettings.sensor_range, LARGEST_LOG)
-        if settings.traffic.enabled:
-            self._outputs['traffic'] = TrafficOutput(self, settings.traffic.geoid_height)
 
     def _on_bearing(self, message: Bearing) -> None:
         self._commands.base_frame = message.header.frame_id or self._commands.base_frame
