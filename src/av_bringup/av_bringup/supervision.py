@@ -9,10 +9,11 @@ monitor alone is not: its table would begin again. The launch ends with an exit 
 The end of another process than an essential one is no harm otherwise. One that fails at more than MOST_RESTARTS later starts
 in a row is not started again.
 
-The executor of each node writes a heartbeat (`av_common.launched.beat`). A process whose heartbeat stands still for
-SILENT_CHECKS checks of the launch in a row hangs, or is stopped: it is killed, so that the rules above hold for it, too. Checks
-are counted instead of seconds, so that no process is blamed for a pause of the whole machine; and of a process that would run,
-by the share of a processor that it is given, as one of low priority gets none for long while the machine is busy.
+The executor of each node and the simulator write a heartbeat (`av_common.launched.beat`). A process whose heartbeat stands
+still for SILENT_CHECKS checks of the launch in a row hangs, or is stopped: it is killed, so that the rules above hold for it,
+too. Checks are counted instead of seconds, so that no process is blamed for a pause of the whole machine; and of a process
+that would run, by the share of a processor that it is given, as one of low priority gets none for long while the machine is
+busy.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.launched import BEAT_PERIOD_S, beat
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, resolve
 from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
 from av_sim_bridge.wire import WireError
@@ -147,6 +148,7 @@ class Simulator:
         self._lossy = np.random.default_rng([world.seed, 16])
         self._begin: float | None = None
         self._joining = False
+        self._beaten = -math.inf    # s, monotonic time of the newest heartbeat
 
     def stop(self) -> None:
         """End `run` within a block; may be called from a signal handler."""
@@ -174,6 +176,7 @@ class Simulator:
             raise ValueError(f'begin is {self._clock.time() - begin:.0f} s ago, expected {self.LONGEST_AGO:.0f} s at the most: '
                              'start all rigs again')
         samples = self.world.sample_rate // self.options.block_rate
+        beat(busy=True)
         for camera in self.world.rig.cameras if self.options.image_rate else ():
             self._renderers[camera] = RenderProcess(
                 self.world.renderer_factory(camera), self.options.renderer, self.options.jpeg_quality,
@@ -184,10 +187,12 @@ class Simulator:
             while self.world.time < duration and not self._stopped:
                 self._step(samples)
         finally:
+            beat(busy=True)
             for camera, renderer in self._renderers.items():
                 self._send_images(camera, renderer.close())
 
     def _step(self, samples: int) -> None:
+        self._beat()
         self._take_commands()
         begin = self.world.time
         sound = self.world.advance(samples)
@@ -204,9 +209,17 @@ class Simulator:
             self._send_sound(sound, begin)
             self._watch_lag(end)
 
+    def _beat(self) -> None:
+        """Tell the launch that the simulation goes on."""
+        now = self._clock.monotonic()
+        if now - self._beaten >= BEAT_PERIOD_S:
+            beat()
+            self._beaten = now
+
     def _wait_for_begin(self) -> tuple[float, int]:
         """Monotonic time (s) and Unix time (ms) of the world's beginning."""
         while self._begin is not None and (remaining := self._begin - self._clock.time()) > 0 and not self._stopped:
+            self._beat()
             self._clock.sleep(min(remaining, 0.1))
         now = self._clock.time()
         begin = now if self._begin is None else min(self._begin, now)

@@ -4,6 +4,7 @@ Where time matters it is the test's own: it passes while the simulator sleeps, a
 """
 
 import dataclasses
+import os
 import socket
 import threading
 import time
@@ -17,6 +18,7 @@ from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.common_clock import CommonClock
+from av_common.launched import BEAT_PERIOD_S, RUN_FOLDER, started_file
 from av_common.rig import load_rig
 from av_sim_bridge.receiving.receiver import Receiver, open_port
 from av_sim_bridge.receiving.streams import (
@@ -231,6 +233,29 @@ def test_who_begins_late_or_falls_behind_is_in_the_same_world(started, slow):
 def test_a_beginning_long_ago_is_refused():
     with pytest.raises(ValueError, match='begin is 130 s ago, expected 120 s at the most'):
         truths(2.0, 132.0)
+
+
+@pytest.mark.parametrize('begin', [None, 1_700_000_003.0])
+def test_the_heartbeat_is_that_of_the_simulation(tmp_path, monkeypatch, begin):
+    """It goes on from step to step, and while others who share the world are awaited; busy while renderers open and close."""
+    monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
+    file, beats = started_file(tmp_path, os.getpid()), []
+
+    class Watched(SleptTime):
+        def sleep(self, seconds):
+            super().sleep(seconds)
+            if file.exists():
+                beats.append((self.slept, file.read_text()))
+                file.unlink()
+
+    simulator = Simulator(World(SCENARIO, load_rig(find_config('rig'))), WireOptions(ports=free_ports(), image_rate=0.0),
+                          Watched(), lambda *_: None)
+    simulator.run(2.0, begin)
+    simulator.close()
+    times, texts = zip(*beats, strict=True)
+    assert all(map(float, texts)) and file.read_text().startswith('busy')
+    assert times[0] < 0.2 and times[-1] > simulator._clock.slept - 2 * BEAT_PERIOD_S
+    assert np.abs(np.diff(times) - BEAT_PERIOD_S).max() < 0.15
 
 
 def test_the_oracle_reports_each_image_once_with_its_stamp(streams):
