@@ -101,6 +101,23 @@ def test_a_pose_that_came_without_attitude_is_not_new_when_it_comes_again():
         assert time < START + 0.95 + 0.35 or command.yaw_rate == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_pose_that_was_used_is_not_new_when_its_time_comes_again_after_a_step_of_the_clock():
+    """Set back by 3 s; poses no longer come but for the old ones, again: the body stands, until new ones come."""
+    stage, sent = make_stage(), []
+    for k in range(100):
+        time = START + 0.05 * k
+        assert move(stage, bearing(time, 0.5), time).move_body
+        sent.append(time)
+    rates = []
+    for k in range(100):
+        now = Instant(START + 5.0 + 0.05 * k, START + 2.01 + 0.05 * k)
+        pose = Odometry()
+        pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(sent[40 + k] if k < 60 else now.ros), 1.0
+        stage.on_odometry(pose, now)
+        rates.append(stage.on_bearing(bearing(now.ros, 0.5), now).yaw_rate)
+    assert rates[8:60] == pytest.approx([0.0] * 52) and rates[-1] > 0.1
+
+
 @pytest.mark.parametrize(('values', 'named'), [
     ({'body_follows_at_deg': 150.0}, r'body_follows_at_deg is 150, .*expected less than 150'),
     ({'body_follows_at_deg': 90.0, 'pan_limits_deg': [-60.0, 120.0]}, 'body_follows_at_deg is 90, .*expected less than 60'),
