@@ -50,6 +50,29 @@ class CaptureClock:
         return min(stamp - ahead, now.steady)
 
 
+class SeenStamps:
+    """The last REMEMBERED stamps of an input that arrived, and apart from them the last that were from the future then.
+
+    Others would displace those of the future before their time comes. A step of the node's clock makes none of them new.
+    """
+
+    def __init__(self) -> None:
+        self._recent: deque[float] = deque(maxlen=REMEMBERED)
+        self._future: deque[float] = deque(maxlen=REMEMBERED)
+
+    def note(self, stamp: float, now: float) -> bool:
+        """Whether a stamp arrived before; it is remembered.
+
+        Parameters:
+            stamp (s): capture time, on the node's clock.
+            now (s): its arrival, on the same clock.
+        """
+        if stamp in self._recent or stamp in self._future:
+            return True
+        (self._recent if stamp <= now + FUTURE_S else self._future).append(stamp)
+        return False
+
+
 class FreshInput:
     """Notes when the stamps of an input advance.
 
@@ -57,7 +80,7 @@ class FreshInput:
     republished and reordered messages do not, nor what was captured before the node's clock stepped forth. Ages grow with the
     steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
     step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count. None
-    of the last REMEMBERED that arrived, used or not, counts when its time comes again.
+    of the SeenStamps, used or not, counts when its time comes again.
 
     Attributes:
         refused: number of stamps from the future, and of steps of the node's clock back.
@@ -71,8 +94,7 @@ class FreshInput:
         self.refused = 0
         self._clock = clock or CaptureClock()
         self._latency = latency
-        self._recent: deque[float] = deque(maxlen=REMEMBERED)
-        self._future: deque[float] = deque(maxlen=REMEMBERED)  # apart: others would displace them before their time comes
+        self._seen = SeenStamps()
         self._newest = self._captured = self._fresh = self._distrusted = -math.inf
 
     def take(self, stamp: float, now: Instant) -> bool:
@@ -82,7 +104,7 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
-        is_known = self._is_known(stamp, now)
+        is_known = self._seen.note(stamp, now.ros)
         if not max(stamp, self._newest) <= now.ros + FUTURE_S:
             self._newest, self._distrusted = -math.inf, now.steady
             self.refused += 1
@@ -105,16 +127,9 @@ class FreshInput:
             stamp (s): capture time of its newest data, on the node's clock.
             now: its arrival.
         """
-        self._is_known(stamp, now)
+        self._seen.note(stamp, now.ros)
         if stamp <= now.ros + FUTURE_S:
             self._newest = max(self._newest, stamp)
-
-    def _is_known(self, stamp: float, now: Instant) -> bool:
-        """Whether a stamp arrived before; it is remembered."""
-        if stamp in self._recent or stamp in self._future:
-            return True
-        (self._recent if stamp <= now.ros + FUTURE_S else self._future).append(stamp)
-        return False
 
     def age(self, now: Instant) -> float:
         """Time (s) since the newest data arrived, or since it was captured if that is longer by more than `latency`.

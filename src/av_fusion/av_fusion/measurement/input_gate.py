@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterable, Mapping
 
-from av_common.freshness import FUTURE_S
-
-REMEMBERED = 64  # stamps of an input: a middleware or a network that sends a message twice does so soon
+from av_common.freshness import FUTURE_S, SeenStamps
 
 
 class InputGate:
@@ -27,7 +24,7 @@ class InputGate:
     def __init__(self, names: Iterable[str], tolerance: float) -> None:
         self._arrivals = dict.fromkeys(names, -math.inf)
         self._tolerance = tolerance
-        self._stamps: dict[str, deque[float]] = {name: deque(maxlen=REMEMBERED) for name in self._arrivals}
+        self._seen = {name: SeenStamps() for name in self._arrivals}
         self.foreign_stamps = dict.fromkeys(self._arrivals, 0)
         self.contested: Mapping[str, list[str]] = {}
 
@@ -39,22 +36,18 @@ class InputGate:
             stamp (s): capture time.
             arrival (s): time of its arrival.
         """
+        is_known = self._seen[name].note(stamp, arrival)
         # A stamp from the future would let the tracker refuse all measurements until then.
         if not -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S):
             self.foreign_stamps[name] += 1
-            if stamp > arrival:  # sent before it can have been captured: it is nothing new when its time has come
-                self._stamps[name].append(stamp)
             return False
-        if name in self.contested or stamp in self._stamps[name]:  # the same capture again is no new information
+        if is_known or name in self.contested:  # the same capture again is no new information
             return False
-        self._stamps[name].append(stamp)
         self._arrivals[name] = arrival
         return True
 
     def restart(self) -> None:
-        """Forget what arrived, as the clock has stepped back."""
-        for stamps in self._stamps.values():
-            stamps.clear()
+        """Forget when inputs arrived, as the clock has stepped back; what arrived is no new information when it comes again."""
         self._arrivals = dict.fromkeys(self._arrivals, -math.inf)
 
     def silent(self, now: float, after: float) -> list[str]:
