@@ -6,7 +6,7 @@ __all__, __getattr__ = exports(__name__, {
     'angles': 'angles_to_direction direction_to_angles wrap',
     'camera': 'PinholeCamera',
     'config_reader': 'ConfigError load',
-    'frames': 'attitude_of heading_of rotation_from_rpy yaw_of',
+    'frames': 'attitude_of heading_of is_orientation rotation_from_rpy yaw_of',
     'geodesy': 'enu_to_geodetic geodetic_to_enu',
     'methods': 'Methods',
     'microphone_array': 'DelayCurve MicrophoneArray',

@@ -18,6 +18,7 @@ NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_TO_FLU = np.diag([1.0, -1.0, -1.0])
 # Camera body (x forward, y left, z up) to optical (x right, y down, z forward), REP-103.
 FLU_TO_OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+UNIT_TOLERANCE = 0.01  # of the squared norm of a quaternion: tf2 refuses transforms beyond it, too (buffer_core.cpp)
 
 
 def ned_to_enu(vector: ArrayLike) -> NDArray:
@@ -43,6 +44,27 @@ def attitude_ned_to_enu(quaternion: Iterable[float]) -> NDArray:
 def attitude_of(orientation: Any) -> tuple[float, float, float, float]:
     """Attitude (w, x, y, z) of a `geometry_msgs/Quaternion`."""
     return orientation.w, orientation.x, orientation.y, orientation.z
+
+
+def is_orientation(quaternion: Iterable[float]) -> bool:
+    """Whether a quaternion is an orientation: of norm 1. A zero one, by which senders say that they know none, is not."""
+    return bool(abs(sum(part * part for part in map(float, quaternion)) - 1.0) < UNIT_TOLERANCE)
+
+
+def checked_orientation(quaternion: Iterable[float], name: str) -> tuple[float, float, float, float]:
+    """A quaternion, of norm 1 to the last digit.
+
+    Parameters:
+        quaternion: (w, x, y, z).
+        name: what it is, for the message.
+
+    Raises ValueError for one that is no orientation.
+    """
+    w, x, y, z = map(float, quaternion)
+    norm = math.hypot(w, x, y, z)
+    if not is_orientation((w, x, y, z)):
+        raise ValueError(f'{name} of norm {norm:.3g}, expected 1')
+    return w / norm, x / norm, y / norm, z / norm
 
 
 def heading_of(quaternion: Sequence[Any]) -> tuple[Any, Any]:

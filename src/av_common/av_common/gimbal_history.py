@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import qinverse, qmult, quat2mat
 
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds
 
@@ -19,7 +19,6 @@ FEEDBACK_TIMEOUT_S = 0.5  # after the newest measured orientation arrived, from 
 GAP_S = 0.06  # after a measured orientation, which the model fills
 OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused
 NEAREST_S = 0.02  # behind the newest orientation, up to which it is taken for the present one
-UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
 LARGEST_VARIANCE = 10.0  # rad^2
 LEAST_SIGMA = math.radians(0.05)
 FASTEST = math.radians(1500.0)  # rad/s, between two measured orientations: gimbal and body together
@@ -64,16 +63,12 @@ def sample_of(message: Any, base_frame: str, gimbal_frame: str) -> GimbalSample:
         if expected and given != expected:
             raise ValueError(f'orientation from {message.child_frame_id!r} to {message.header.frame_id!r}, expected from '
                              f'{gimbal_frame!r} to {base_frame!r}')
-    q, variance = attitude_of(message.orientation), message.variance
-    norm = math.hypot(*q)
-    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
-        raise ValueError(f'orientation of norm {norm:.3g}, expected 1')
+    q, variance = checked_orientation(attitude_of(message.orientation), 'orientation'), message.variance
     if not 0.0 <= variance <= LARGEST_VARIANCE:
         raise ValueError(f'variance {variance} rad^2, expected 0 to {LARGEST_VARIANCE:g}')
     if message.source not in (message.SOURCE_MODEL, message.SOURCE_FEEDBACK):
         raise ValueError(f'source {message.source}, expected {message.SOURCE_MODEL} or {message.SOURCE_FEEDBACK}')
-    w, x, y, z = (part / norm for part in q)
-    return GimbalSample(to_seconds(message.header.stamp), (w, x, y, z), max(variance, LEAST_SIGMA**2),
+    return GimbalSample(to_seconds(message.header.stamp), q, max(variance, LEAST_SIGMA**2),
                         message.source == message.SOURCE_FEEDBACK)
 
 

@@ -9,7 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_geometry import (
     BASE_STABILIZED,
@@ -29,7 +29,6 @@ from av_interfaces.msg import GimbalState, PointingCommand
 ODOMETRY_TIMEOUT_S = 0.3  # after the newest odometry, from which a stabilized gimbal's rig counts as level
 LEVEL_SIGMA = math.radians(5.0)  # of a stabilized gimbal on a rig of unknown attitude
 LEAST_PERIOD_S = 0.01  # between two modelled orientations
-UNIT_TOLERANCE = 0.01  # of the norm of an attitude
 
 
 @dataclass(frozen=True)
@@ -140,9 +139,7 @@ class GimbalStage:
             message: pose of the rig in ENU.
             arrival (s): time of its arrival.
         """
-        stamp, q = to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation)
-        if not abs(math.hypot(*q) - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f'attitude of norm {math.hypot(*q):.3g}, expected 1')
+        stamp, q = to_seconds(message.header.stamp), checked_orientation(attitude_of(message.pose.pose.orientation), 'attitude')
         if not -OLDEST_S <= stamp - arrival <= FUTURE_S:
             raise ValueError(f'stamp {stamp - arrival:+.2f} s from its arrival')
         if self._posed - OLDEST_S < stamp <= self._posed:

@@ -12,7 +12,7 @@ from std_msgs.msg import Float32, Header
 
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
@@ -88,13 +88,12 @@ class PointingStage:
             message: pose of the rig.
             arrival: time of its arrival.
         """
-        q, stamp = message.pose.pose.orientation, to_seconds(message.header.stamp)
-        is_attitude = 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0
-        if 'odometry' in self.contested or not is_attitude:
+        attitude, stamp = attitude_of(message.pose.pose.orientation), to_seconds(message.header.stamp)
+        if 'odometry' in self.contested or not is_orientation(attitude):
             self._odometry.skip(stamp, arrival)
         elif self._odometry.take(stamp, arrival):
             age = max(arrival.ros - stamp, 0.0)
-            self.controller.on_attitude(arrival.steady - age, attitude_of(q))
+            self.controller.on_attitude(arrival.steady - age, attitude)
 
     def on_yaw_rate_limit(self, message: Float32) -> None:
         """Note the largest yaw rate (rad/s) that whoever obeys the commands lets through. Raises ValueError for none."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from nav_msgs.msg import Odometry
 
@@ -84,13 +86,14 @@ def test_an_input_with_two_publishers_stops_the_body(topic):
     assert command.reason == 'following the bearing'
 
 
-def test_a_pose_that_came_without_attitude_is_not_new_when_it_comes_again():
+@pytest.mark.parametrize('norm', [0.0, 0.98, 1.02, math.nan])
+def test_a_pose_that_came_without_attitude_is_not_new_when_it_comes_again(norm):
     """Ahead of its stamp the first time: the body stands 0.35 s after the newest pose that it could use."""
     stage = make_stage()
     for k in range(20):
         assert move(stage, bearing(START + 0.05 * k, 0.5), START + 0.05 * k).move_body
     pose = Odometry()
-    pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(START + 1.1), 0.0
+    pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(START + 1.1), norm
     stage.on_odometry(pose, at(START + 1.0))
     pose.pose.pose.orientation.w = 1.0
     for k in range(20):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
-from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu, yaw_of
+from av_common.frames import attitude_ned_to_enu, checked_orientation, frd_to_flu, ned_to_enu, yaw_of
 
 Floats: TypeAlias = Sequence[float] | NDArray
 # px4_msgs/VehicleOdometry's numbers of frames.
@@ -58,10 +58,7 @@ def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate
     """
     if pose_frame != POSE_FRAME_NED:
         raise ValueError(f'pose_frame is {pose_frame}, expected {POSE_FRAME_NED} (NED)')
-    norm = math.hypot(*map(float, attitude))
-    if not abs(norm - 1.0) < 0.1:  # not >: NaN is refused, too
-        raise ValueError(f'attitude has norm {norm:.3g}, expected 1')
-    enu = attitude_ned_to_enu(attitude)
+    enu = attitude_ned_to_enu(checked_orientation(attitude, 'attitude'))
     numbers = np.nan_to_num(np.array([position_ned, velocity, rate_frd], float))
     if np.abs(numbers).max() > LARGEST:
         raise ValueError(f'a pose of {np.abs(numbers).max():.3g} m, m/s or rad/s, expected at most {LARGEST:g}')

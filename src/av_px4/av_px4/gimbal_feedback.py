@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
-from av_common.frames import attitude_ned_to_enu, yaw_of
+from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
 from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
 from av_common.rig import GimbalMount
 from av_common.rig_messages import gimbal_message
@@ -19,7 +19,6 @@ from av_px4.odometry import px4_clock
 
 YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
 FAILED = 8 + 64 + 128 + 256  # MAVLink's GIMBAL_DEVICE_ERROR_FLAGS: encoder, software, communication, calibrating
-UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
 SIGMA = math.radians(1.0)  # of the report, and of the vehicle's attitude at its time
 
 
@@ -56,9 +55,7 @@ class GimbalFeedback:
         """
         if self._id and getattr(message, 'gimbal_device_id', 0) not in (0, self._id):
             return None
-        norm = math.hypot(*map(float, message.q))
-        if not abs(norm - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f'attitude of norm {norm:.3g}, expected 1')
+        checked_orientation(message.q, 'attitude')
         if message.failure_flags & FAILED:
             raise ValueError(f'the gimbal reports the failure {message.failure_flags}')
         if attitude_ned is None:

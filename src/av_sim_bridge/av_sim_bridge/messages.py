@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, checked_orientation
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import GimbalState
 from av_sim_bridge.vehicle import VehicleState
@@ -44,15 +44,10 @@ def odometry_message(header: Header, child_frame: str, state: VehicleState) -> O
 def vehicle_state(message: Odometry) -> VehicleState:
     """The state in an Odometry message (ENU and FLU). Raises ValueError for impossible values or an invalid quaternion."""
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
-    attitude = np.array(attitude_of(orientation))
+    attitude = np.array(checked_orientation(attitude_of(orientation), 'odometry: attitude'))
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     values = np.array([position.x, position.y, position.z, linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
     check_within(values, FARTHEST_M, 'odometry: value')
-    check_within(attitude, 1.05, 'odometry: quaternion')
-    norm = float(np.linalg.norm(attitude))
-    if not abs(norm - 1.0) < 0.05:
-        raise ValueError(f'odometry: the quaternion has norm {norm:.3g}, expected 1')
-    attitude /= norm
     return VehicleState(to_seconds(message.header.stamp), values[:3], quat2mat(attitude) @ values[3:6],
                         attitude_wxyz=attitude, rate_flu=values[6:])
 

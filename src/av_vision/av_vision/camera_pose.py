@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_common.camera import PinholeCamera
+from av_common.frames import checked_orientation
 from av_common.gimbal_history import NEAREST_S, slerp
 
 KEPT = 400       # attitudes, four seconds at 100 a second
@@ -61,12 +62,10 @@ class AttitudeHistory:
 
         Raises ValueError for a quaternion whose norm is not 1.
         """
-        norm = float(np.linalg.norm(attitude_wxyz))
-        if not abs(norm - 1.0) <= 0.01:
-            raise ValueError(f'attitude of norm {norm:.3g}, expected 1')
+        attitude = checked_orientation(attitude_wxyz, 'attitude')
         if self._samples and time < self._samples[-1][0]:
             self._samples.clear()
-        self._samples.append((time, attitude_wxyz))
+        self._samples.append((time, attitude))
 
     def at(self, time: float) -> NDArray[np.float64] | None:
         """Rotation (3, 3) from the body to the world at a time (s), interpolated; None where it is not known."""

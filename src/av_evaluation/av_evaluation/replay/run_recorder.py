@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from av_bags import topics as names
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, is_orientation
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
-from av_fusion.measurement.measurements import UNIT_TOLERANCE, CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
 class RunRecorder:
@@ -70,7 +70,7 @@ class RunRecorder:
             raise ValueError(f'the position is {place}, expected finite numbers')
         if name == names.TRUE_TARGET:
             self.log.target.add(time, *place)
-        elif abs(math.hypot(*attitude) - 1.0) < UNIT_TOLERANCE:
+        elif is_orientation(attitude):
             self.log.rig.add(time, *place, *attitude)
         else:
             raise ValueError(f'the orientation (w, x, y, z) is {attitude}, expected a unit quaternion')

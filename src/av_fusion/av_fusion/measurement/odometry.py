@@ -7,20 +7,18 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 
-from av_common.frames import attitude_of
+from av_common.frames import attitude_of, is_orientation
 from av_common.stamps import to_seconds
 from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
 from av_fusion.measurement.vectors import ZERO, Vector
 
 
 def pose_of(message: Odometry) -> Pose | None:
-    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU); None without attitude (a zero quaternion)."""
-    q, twist, position = message.pose.pose.orientation, message.twist.twist, message.pose.pose.position
-    norm = (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)**0.5
-    if not norm > 0.7:
+    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU); None without attitude."""
+    attitude, twist, position = attitude_of(message.pose.pose.orientation), message.twist.twist, message.pose.pose.position
+    if not is_orientation(attitude):
         return None
-    w, x, y, z = attitude_of(q)
-    return Pose(to_seconds(message.header.stamp), (w / norm, x / norm, y / norm, z / norm),
+    return Pose(to_seconds(message.header.stamp), attitude,
                 _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO,
                 _usable(position, math.inf))
 

@@ -6,7 +6,7 @@ import bisect
 import math
 from typing import NamedTuple
 
-from av_common.frames import yaw_of
+from av_common.frames import is_orientation, yaw_of
 from av_fusion.measurement.vectors import (
     IDENTITY,
     ZERO,
@@ -60,7 +60,7 @@ class Pose(NamedTuple):
     @property
     def is_plausible(self) -> bool:
         """Whether it can be used: finite values within physical limits, and a unit quaternion."""
-        return (math.isfinite(self.time) and abs(math.hypot(*self.attitude) - 1.0) < 0.05
+        return (math.isfinite(self.time) and is_orientation(self.attitude)
                 and all(abs(value) <= RATE_LIMIT for value in self.rate)
                 and all(abs(value) <= SPEED_LIMIT for value in self.velocity)
                 and (self.position is None or all(map(math.isfinite, self.position))))

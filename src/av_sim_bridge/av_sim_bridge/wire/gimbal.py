@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.error import WireError, check_magic, check_number, check_time, check_within, unpack
+from av_common.frames import is_orientation
+from av_sim_bridge.wire.error import WireError, check_magic, check_number, check_time, unpack
 
 MAGIC = 1234567951
 VERSION = 1
@@ -44,9 +45,8 @@ def decode_gimbal(datagram: bytes) -> GimbalSample:
         raise WireError(f'gimbal: version {version}, {VERSION} expected')
     check_number(sequence, 'gimbal: sequence')
     check_time(time, 'gimbal')
-    check_within(orientation, 1.05, 'gimbal: quaternion')
     norm = float(np.linalg.norm(orientation))
-    if abs(norm - 1) > 0.05:
+    if not is_orientation(orientation):
         raise WireError(f'gimbal: quaternion has norm {norm:.3g}, expected 1')
     if not 0.0 <= variance <= MOST_VARIANCE:
         raise WireError(f'gimbal: variance is {variance:g}, expected 0 to {MOST_VARIANCE:g}')

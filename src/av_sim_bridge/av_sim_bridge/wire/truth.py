@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from av_common.frames import is_orientation
 from av_sim_bridge.wire.error import (
     FARTHEST_M,
     FASTEST_M_S,
@@ -26,7 +27,7 @@ _LONG = struct.Struct('<4i24f7d')
 _SHORT = struct.Struct('<6i14f4d')
 _MOTORS = 8
 _MOST_GPS = 1e10    # not used, in whatever unit
-_LIMITS = {'position_ned': FARTHEST_M, 'velocity_ned': FASTEST_M_S, 'euler_rad': MOST_ANGLE_RAD, 'quaternion_wxyz': 1.05,
+_LIMITS = {'position_ned': FARTHEST_M, 'velocity_ned': FASTEST_M_S, 'euler_rad': MOST_ANGLE_RAD,
            'motor_rpm': MOST_RPM, 'acceleration_frd': MOST_ACCELERATION_M_S2, 'rate_frd': MOST_RATE_RAD_S, 'gps': _MOST_GPS}
 
 
@@ -100,9 +101,8 @@ def check_truth(truth: VehicleTruth) -> None:
         values = getattr(truth, name)
         if values is not None:
             check_within(values, limit, f'truth: {name}')
-    norm = np.linalg.norm(truth.quaternion_wxyz)
-    if abs(norm - 1) > 0.05:
-        raise WireError(f'truth: quaternion has norm {norm:.3g}, expected 1')
+    if not is_orientation(truth.quaternion_wxyz):
+        raise WireError(f'truth: quaternion has norm {np.linalg.norm(truth.quaternion_wxyz):.3g}, expected 1')
 
 
 def _decode_long(datagram: bytes) -> VehicleTruth:
