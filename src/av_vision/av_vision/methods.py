@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +24,7 @@ ImageMethod = Callable[[NDArray[np.uint8]], tuple[Any, Any]]
 
 def is_model_file(name: str) -> bool:
     """Whether a detector is named by a file. Raises ValueError for an unknown name, with those that are installed."""
-    if name not in DETECTORS.names and (Path(name).suffix or Path(name).exists()):
+    if name not in DETECTORS.names and (Path(name).suffix or os.path.isfile(name)):  # noqa: PTH113  Path's raises for some names
         return True
     DETECTORS.check(name)
     return False
