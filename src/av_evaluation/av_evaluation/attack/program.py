@@ -24,7 +24,7 @@ from av_evaluation.attack.worker import Worker, WorkerError, answer
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
-MESSAGE_RATE, DATAGRAM_RATE, REQUEST_RATE = 30.0, 60.0, 20.0    # Hz, to each topic, to each port, of all requests
+MESSAGE_RATE, DATAGRAM_RATE = 30.0, 60.0    # Hz, to each topic, to each port
 START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
 STOPPED_S = 2.0            # for which a process is stopped
@@ -49,7 +49,7 @@ class Result:
 
     Attributes:
         name: of the attack, with the process that it concerns.
-        sent: number of messages, datagrams or requests by their target.
+        sent: number of messages or datagrams by their target.
         deaths: processes that ended though nobody killed them.
         found: commands that were bad, or moved what must not move.
         ended (s): time of its end, of a kill that of the signal; None until then.
@@ -106,7 +106,7 @@ class Attack:
         self._killed: set[int] = set()
         self._opened, self._launched = ExitStack(), ExitStack()
         self.kinds: dict[str, Callable[[Result], None]] = {
-            'messages': self._messages, 'datagrams': self._datagrams, 'requests': self._requests,
+            'messages': self._messages, 'datagrams': self._datagrams,
             'no inputs': self._no_inputs, 'disabled': self._disabled}
         self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
 
@@ -255,12 +255,6 @@ class Attack:
         """Datagrams of the right layout with hostile values, of random bytes, and of times that jump, to every port."""
         self._send(result, ('structured', 'random', 'clocks'))
 
-    def _requests(self, result: Result) -> None:
-        """Transitions and parameters; what a permitted peer changed is restored."""
-        result.add(self._peer.call('request', SECONDS + ANSWER_S, seconds=SECONDS, rate=REQUEST_RATE, seed=self._seed()))
-        lost = self._peer.call('restore', timeout=60.0)
-        result.faults += [f'{name} cannot be active again' for name in lost if not name.endswith(NOT_RESPAWNED)]
-
     def _no_inputs(self, result: Result) -> None:
         """The simulator is stopped, and messages whose stamps are far from now, and random datagrams, must move nothing."""
         result.most_recovery = MOST_RECOVERY_PROCESS_S
@@ -282,7 +276,8 @@ class Attack:
         self._forbid_motion()
         self._send(result, ('structured',), spare=(COMMANDS,))
         self._permit_motion()
-        self._peer.call('restore', timeout=60.0)
+        if not self._peer.call('enable', enabled=True):
+            result.faults.append('pointing could not be enabled again')
 
     def _forbid_motion(self) -> None:
         with self._observer.lock:
