@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,6 @@ from scipy import fft
 from av_audio.spacing import LONGEST_S, PEAK_SIGMAS, delay_curve
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
-
-if TYPE_CHECKING:    # what computes them takes a while to import
-    from av_audio.localizer import DoaEstimate
 
 WINDOW_S = 0.25
 DEAD_DBFS = -100.0    # noise of 16 bits has -101
@@ -41,12 +37,6 @@ STEPS = {'dead': (ALARM / 3.0, -ALARM), 'copy': (ALARM / 3.0, -ALARM), 'offset':
          'apart': (VOTE, -VOTE)}
 SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart')    # directions are wrong by them, or there are none
 GAIN_MEND = 'look at its plug and gain: alsamixer'
-# A cosine that jumps from one steady value to its negative, without values between them, is not due to a moving source.
-MIN_SWAP_COSINE = 0.3
-SWAP_TOLERANCE = 0.05
-SWAP_WITHIN_S = 2.5
-STEADY = 3
-CONFIDENT = 0.9
 
 # By kind and channels, what is wrong in words.
 Found = dict[tuple[str, tuple[int, ...]], str]
@@ -291,29 +281,3 @@ def _mend(kind: str, channels: tuple[int, ...]) -> str:
             'clips': 'lower the gain: alsamixer', 'inverted': 'exchange the two wires of its balanced plug, or turn its sign',
             'late': 'all channels must come from one device with one clock, without effects, and positions be in metres',
             'apart': 'positions in the array file are in metres; are they too small?'}.get(kind, GAIN_MEND)
-
-
-class SwapDetector:
-    """Detects that two channels change places in a running stream, for instance after a lost sample of interleaved data.
-
-    The swap mirrors the direction suddenly, while a moving source or a rotating rig passes through the directions between.
-    Channels that are swapped from the beginning cannot be distinguished from a source on the other side.
-    """
-
-    def __init__(self) -> None:
-        self._history: deque[tuple[float, float]] = deque()
-
-    def update(self, estimate: DoaEstimate) -> bool:
-        """Whether the estimates of a pair were steady at one direction and are now steady at its mirror image."""
-        if not len(estimate.confidence) or estimate.confidence[0] < CONFIDENT:
-            return False
-        while self._history and self._history[0][0] < estimate.time - SWAP_WITHIN_S:
-            self._history.popleft()
-        self._history.append((estimate.time, float(estimate.q[0])))
-        cosines = np.array([cosine for _, cosine in self._history])
-        before, after = np.abs(cosines + cosines[-1]) < SWAP_TOLERANCE, np.abs(cosines - cosines[-1]) < SWAP_TOLERANCE
-        swapped = bool(abs(cosines[-1]) > MIN_SWAP_COSINE and np.all(before | after)
-                       and before[:STEADY].sum() == STEADY and after[-STEADY:].sum() == STEADY)
-        if swapped:
-            self._history.clear()
-        return swapped

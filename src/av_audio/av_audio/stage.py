@@ -12,7 +12,7 @@ from std_msgs.msg import Float32MultiArray
 from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
-from av_audio.health import ChannelFault, ChannelHealth, SwapDetector
+from av_audio.health import ChannelFault, ChannelHealth
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
 from av_audio.stream_gate import StreamGate
@@ -53,14 +53,12 @@ class DoaStage:
         self._classifier: DroneClassifier | None = None
         self._wind: WindMeter | None = None
         self._health: ChannelHealth | None = None
-        self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self._gate = StreamGate()
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
-        self.swaps = 0  # how often the two channels seem to have changed places
 
     @property
     def foreign(self) -> int:
@@ -131,8 +129,6 @@ class DoaStage:
         messages = []
         for estimate in estimates:
             self.latest = estimate
-            if self._swap_detector is not None:
-                self.swaps += self._swap_detector.update(estimate)
             judged = self._judge(estimate)
             self.judgement = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)

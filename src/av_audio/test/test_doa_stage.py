@@ -156,14 +156,6 @@ def test_motor_speeds_notch_the_rigs_own_rotors():
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
 
-def test_channels_that_change_places_are_counted():
-    samples = flat(np.random.default_rng(2), 4.0, np.array([0.0, 3e-4]))
-    samples = (samples / np.abs(samples).max()).astype(np.float32)
-    stage = DoaStage(PAIR)
-    feed(stage, np.concatenate([samples[:2 * RATE], samples[2 * RATE:, ::-1]]))
-    assert stage.swaps == 1
-
-
 def test_a_stage_is_made_of_the_parameters_of_doa_node(tmp_path):
     PAIR.save(tmp_path / 'pair.yaml')
     soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE)

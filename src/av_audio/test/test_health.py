@@ -1,15 +1,13 @@
 """Faults made on purpose, one at a time."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from flying_rig import RING, coloured
-from known_sound import PAIR, RATE, SQUARE, add_noise, flat, rotors
+from known_sound import PAIR, RATE, SQUARE, add_noise, rotors
 
-from av_audio.health import ChannelHealth, SwapDetector
-from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.health import ChannelHealth
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 
@@ -99,25 +97,3 @@ def healthy(array):
 @pytest.mark.parametrize('array', [PAIR, RING], ids=['pair', 'ring'])
 def test_microphones_that_are_all_right_are_not_blamed(array):
     assert {name: told for name, sound in healthy(array).items() if (told := hear(sound, array))} == {}
-
-
-def test_a_sudden_swap_is_noticed_and_a_moving_source_is_not():
-    sound = flat(np.random.default_rng(2), 4.0, np.array([0.0, 3e-4]))
-    sound = sound / np.abs(sound).max()
-    swapped = np.concatenate([sound[:RATE * 2], sound[RATE * 2:, ::-1]])
-    for stream, expected in [(sound, 0), (swapped, 1)]:
-        detector = SwapDetector()
-        localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.1))
-        assert sum(detector.update(estimate) for estimate in localizer.process(stream, 0)) == expected
-    detector = SwapDetector()
-    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.5))
-    for k, delay in enumerate(np.linspace(-5e-4, 5e-4, 20)):
-        window = flat(np.random.default_rng(k), 0.5, np.array([0.0, delay]))
-        estimate, = localizer.process(window / np.abs(window).max(), localizer.next_sample)
-        assert not detector.update(estimate)
-
-
-def test_a_rig_that_turns_past_the_source_is_no_swap():
-    detector = SwapDetector()
-    for k, azimuth in enumerate(np.radians(np.clip(np.arange(-60.0, 90.0, 6.0), -40.0, 40.0))):    # 60 degrees a second
-        assert not detector.update(SimpleNamespace(time=0.1 * k, confidence=np.array([1.0]), q=np.sin([azimuth])))

@@ -14,7 +14,6 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('.*', r' refused: ', 'Something sends messages that cannot be used: the name before "refused" is the topic or service.'),
     ('audio_node', r'silent', 'Is the microphone muted? `alsamixer`, then `ros2 run av_view doctor` with a clap.'),
     ('audio_node', r'device', 'Is it plugged in, and used by no other program? `ros2 run av_view doctor` lists the devices.'),
-    ('audio_node', r'changed places', 'Channels moved: restart audio_node, then `ros2 run av_view doctor` with a clap.'),
     ('doa_node', r'no audio', 'Nothing is heard: look at audio_node, or at bridge_node and the simulator.'),
     ('doa_node', r'motor speeds', 'Publish motor_speeds, or set the parameter ego_rotors of doa_node to none.'),
     ('camera_node', r'no images|failed', 'Is the camera plugged in, and used by no other program? `ros2 run av_view doctor` '

@@ -92,7 +92,6 @@ class DoaNode(RigNode):
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
         status.add('frames of other streams', str(self._stage.foreign))
-        status.add('sudden swaps of the channels', str(self._stage.swaps))
         status.add('directions without phases', str(self._stage.without_phases))
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS; of the channels ' +
@@ -114,8 +113,6 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
         for fault in self._stage.faults:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_severe else DiagnosticStatus.WARN, str(fault))
-        if self._stage.swaps:
-            status.mergeSummary(DiagnosticStatus.WARN, 'the channels have changed places while running')
 
 
 def main() -> None:
