@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -24,7 +23,6 @@ __all__ = ('GuardedNode', 'check_size', 'decode')
 LARGEST_MESSAGE, LARGEST_BULK_MESSAGE = 1_000_000, 256_000_000
 SMALLEST_MESSAGE = 4  # of the encapsulation; rmw_cyclonedds_cpp reads beyond the end of shorter ones
 CLOCK_TOPIC = '/clock'
-BASES = (__name__, 'av_common.parameter_node', 'av_common.node')  # modules of base classes
 
 
 class GuardedNode(LifecycleNode):
@@ -36,8 +34,6 @@ class GuardedNode(LifecycleNode):
     by `success: false` or, for parameters, by the reason. Callbacks that were queued when their subscription or timer was
     destroyed are not called.
 
-    Attributes that rclpy or this package's base classes use for themselves cannot be overwritten: see `__setattr__`.
-
     Attributes:
         refused: counts of inputs that could not be used.
 
@@ -46,36 +42,13 @@ class GuardedNode(LifecycleNode):
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
     """
 
-    _reserved: frozenset[str] = frozenset()
-
     def __init__(self, name: str, **kwargs: Any) -> None:
-        self._early = dict(vars(self))  # set by a subclass before this constructor
         self.refused = RefusedInputs(self.get_logger)
         self._read: set[Any] = set()  # subscriptions of readers
         super().__init__(name, **kwargs)
         for service in self.services:
             if service.callback.__module__ != __name__:  # those of rclpy that were made without create_service
                 service.callback = _guarded_service(self.refused, service.srv_type, service.srv_name, service.callback)
-
-    def reserve_attributes(self) -> None:
-        """Protect what the base classes have set so far; to be called at the end of the last constructor of a base class.
-
-        Raises AttributeError when the node's own class has overwritten some of it.
-        """
-        bases, own = _split(type(self).__mro__)
-        reserved = set(vars(self)) - set(self._early)
-        private = {name for kind in bases for name in vars(kind) if name.startswith('_') and not name.startswith('__')}
-        hidden = {name for kind in own for name in vars(kind)} & (reserved | private)
-        hidden |= {name for name, value in self._early.items() if vars(self)[name] is not value}
-        if hidden:
-            raise AttributeError(f'{type(self).__name__} hides attributes of its base classes: {sorted(hidden)}')
-        self._reserved = frozenset(reserved | private)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Raise AttributeError when a subclass overwrites an attribute that a base class keeps its state in."""
-        if name in self._reserved and not _is_base(sys._getframe(1).f_globals['__name__']):
-            raise AttributeError(f'{type(self).__name__}.{name} would hide an attribute of its base class')
-        super().__setattr__(name, value)
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], Any], qos_profile: Any, *,
                             raw: bool = False, **kwargs: Any) -> Any:
@@ -183,16 +156,6 @@ def _guarded_service(refused: RefusedInputs, srv_type: Any, name: str,
             return _refusal(srv_type, request, str(error))
 
     return serve
-
-
-def _is_base(module: str) -> bool:
-    return module.partition('.')[0] in ('rclpy', 'builtins') or module in BASES
-
-
-def _split(kinds: Iterable[type]) -> tuple[list[type], list[type]]:
-    """Base classes of nodes, and the classes of one node."""
-    bases = [kind for kind in kinds if _is_base(kind.__module__)]
-    return bases, [kind for kind in kinds if kind not in bases]
 
 
 @functools.cache

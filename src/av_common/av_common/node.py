@@ -92,7 +92,6 @@ class RigNode(ParameterNode):
         self.guard_parameters((self._updater.period_parameter, self._updater.use_fqn_parameter))
         if autostart:
             self._autostart_timer = self._steady_timer(0.0, self._autostart)
-        self.reserve_attributes()
 
     def now(self) -> float:
         """Time of the node's clock (ROS time, simulated with `use_sim_time`) in s since its epoch."""

@@ -256,32 +256,6 @@ def test_whatever_a_node_makes_is_destroyed_with_the_state_it_was_made_in():
         rig.close()
 
 
-def hides_by_assignment(self) -> None:
-    self._publishers = {}
-
-
-def hides_a_private_of_the_base(self) -> None:
-    self._active = True
-
-
-@pytest.mark.parametrize('configure', [hides_by_assignment, hides_a_private_of_the_base])
-def test_an_attribute_of_a_base_class_cannot_be_overwritten(configure, rig):
-    """AttributeError where it is assigned."""
-    kind = type('Hider', (Listener,), {'configure': configure, '__module__': __name__})
-    node = kind(parameter_overrides=[Parameter('autostart', value=False)])
-    with pytest.raises(AttributeError, match='would hide'):
-        node.configure()
-    node.destroy_node()
-
-
-@pytest.mark.parametrize('name', ['_services', '_autostart', '_clock', '_active'])
-def test_a_class_cannot_define_what_a_base_class_uses(name, rig):
-    """AttributeError when a node of it is made."""
-    kind = type('Hider', (Listener,), {name: lambda self: None, '__module__': __name__})
-    with pytest.raises(AttributeError, match=f'hides.*{name}'):
-        kind()
-
-
 def test_a_reader_takes_the_newest_when_it_looks_and_wakes_nobody(rig):
     """Messages wait in the middleware by the depth of the queue, with the time of their publishing; nothing is left of it."""
     before = rig.node.entities()

@@ -17,13 +17,13 @@ from vision_msgs.msg import Detection2DArray
 
 from av_audio.messages import audio_frame
 from av_audio.ring_buffer import RingBuffer
-from av_common.common_clock import CommonClock
 from av_common.frames import frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
+from av_sim_bridge.receiving.common_clock import CommonClock
 from av_sim_bridge.receiving.streams import (
     AudioStream,
     CaptureStamps,

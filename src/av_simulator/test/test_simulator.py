@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
-from av_common.common_clock import CommonClock
 from av_common.launched import BEAT_PERIOD_S, RUN_FOLDER, started_file
 from av_common.rig import load_rig
+from av_sim_bridge.receiving.common_clock import CommonClock
 from av_sim_bridge.receiving.receiver import Receiver, open_port
 from av_sim_bridge.receiving.streams import (
     AudioStream,

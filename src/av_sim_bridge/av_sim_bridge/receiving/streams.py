@@ -17,8 +17,8 @@ from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
-from av_common.common_clock import SILENCE_S, CommonClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
+from av_sim_bridge.receiving.common_clock import SILENCE_S, CommonClock
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import ForeignSenderError, UndatedError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from av_common.config_schema import schema
+from av_simulator.config_schema import schema
 from av_simulator.scenario import Scenario
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_common.common_clock import CommonClock
+from av_sim_bridge.receiving.common_clock import CommonClock
 
 EPOCH, GENUINE, INTRUDER = 1.7e9, ('10.0.0.1', 5000), ('10.0.0.2', 6000)
 STREAMS = {'rig_truth': (0.001, 100.0), 'target_truth': (0.001, 100.0), 'audio': (0.005, 30.0), 'imu': (0.001, 200.0),
