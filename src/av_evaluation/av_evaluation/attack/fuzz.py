@@ -20,6 +20,7 @@ from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
+from av_common.frames import attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, Instant
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
@@ -61,7 +62,8 @@ class Witness:
     def note(self, message: Any, now: Instant, contested: bool) -> None:
         """Note a message on its arrival `now`, of an input that is contested or not."""
         useless = (isinstance(message, DoaArray) and not message.hypotheses) or (
-            isinstance(message, Detection2DArray) and not message.detections)
+            isinstance(message, Detection2DArray) and not message.detections) or (
+            isinstance(message, Odometry) and not is_orientation(attitude_of(message.pose.pose.orientation)))
         try:
             stamp = to_seconds(message.header.stamp)
         except ValueError:
