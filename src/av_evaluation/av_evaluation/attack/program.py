@@ -28,6 +28,7 @@ MESSAGE_RATE, DATAGRAM_RATE = 30.0, 60.0    # Hz, to each topic, to each port
 START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
 STOPPED_S = 2.0            # for which a process is stopped
+NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
 STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
 ANSWER_S = 30.0            # for which a worker may be late
 MOST_GROWTH = 20.0         # MiB, of a process over all attacks
@@ -237,14 +238,14 @@ class Attack:
     def _seed(self) -> int:
         return self._random.randrange(2**31)
 
-    def _send(self, result: Result, datagrams: Sequence[str] = (), **messages: object) -> None:
+    def _send(self, result: Result, datagrams: Sequence[str] = (), seconds: float = SECONDS, **messages: object) -> None:
         """Attack ports by kinds of datagrams, and topics where options of `Messages.attack` are given, at once."""
-        common = {'seconds': SECONDS, 'seed': self._seed()}
+        common = {'seconds': seconds, 'seed': self._seed()}
         calls = [self._sender.send('attack', **common, rate=DATAGRAM_RATE, offset=self._options.port_offset, kinds=datagrams)
                  ] if datagrams else []
         calls += [self._peer.send('attack', **common, rate=MESSAGE_RATE, **messages)] if messages else []
         for call in calls:
-            result.add(answer(call, SECONDS + ANSWER_S))
+            result.add(answer(call, seconds + ANSWER_S))
 
     def _messages(self, result: Result) -> None:
         """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
@@ -262,11 +263,13 @@ class Attack:
         os.kill(simulator, signal.SIGSTOP)
         try:
             self._forbid_motion()
-            self._send(result, ('random',), stale=True, spare=(COMMANDS,))
+            self._send(result, ('random',), NO_INPUTS_S, stale=True, spare=(COMMANDS,))
         finally:
             self._permit_motion()
-            with suppress(ProcessLookupError):
+            try:
                 os.kill(simulator, signal.SIGCONT)
+            except ProcessLookupError:    # replaced, on a slow machine
+                self._killed.add(simulator)
 
     def _disabled(self, result: Result) -> None:
         """Pointing is disabled, and no message or datagram moves the rig, however genuine it looks."""
