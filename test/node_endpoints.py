@@ -36,7 +36,6 @@ ARRAY = str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
 # Parameters with which a node has everything that it can have, in one or several runs.
 VARIANTS: dict[str, list[dict]] = {
     'audio_node': [{'file': '{folder}/sound.wav'}],
-    'audio_common_node': [{'direction': 'from_audio_common'}, {'direction': 'to_audio_common'}],
     'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'depth': True, 'targets': 2},
                     {'rig_file': RIG_GIMBAL, 'follow_odometry': True},
                     {'rig_file': RIG_TWO_CAMERAS, 'oracle_detections': True}],
@@ -152,10 +151,9 @@ def main(name: str, variant: str, folder: str) -> None:
         variant: index of its parameters in VARIANTS.
         folder: an empty folder.
     """
-    for package in ('audio_common_msgs', 'px4_msgs'):
-        sys.modules[f'{package}.msg'] = AnyMessages(f'{package}.msg')
-        sys.modules[package] = types.ModuleType(package)
-        sys.modules[package].msg = sys.modules[f'{package}.msg']
+    sys.modules['px4_msgs.msg'] = AnyMessages('px4_msgs.msg')
+    sys.modules['px4_msgs'] = types.ModuleType('px4_msgs')
+    sys.modules['px4_msgs'].msg = sys.modules['px4_msgs.msg']
     write_bag(Path(folder, 'bag.mcap'))
     write_sound_and_image(Path(folder))
     values = {key: value.format(folder=folder) if isinstance(value, str) else value

@@ -27,7 +27,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'audio_common_node = av_audio.nodes.audio_common_node:main',
             'audio_node = av_audio.nodes.audio_node:main',
             'doa_node = av_audio.nodes.doa_node:main',
             'calibrate = av_audio.cli.calibrate:main',

@@ -1,12 +1,9 @@
 """audio_node and doa_node in one process, on real topics."""
 
-import importlib.util
 import itertools
 import re
 import time
-from dataclasses import dataclass, field
 from functools import cached_property
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +11,6 @@ import rclpy
 import soundfile
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from diagnostic_updater import DiagnosticStatusWrapper
 from known_sound import RATE, flat, scene
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -23,13 +19,11 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float32MultiArray, Header
 
 from av_audio.device_process import load_sounddevice
-from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
 from av_common.acoustics import speed_of_sound
 from av_common.node import ParameterError
 from av_common.qos import RESULT, STREAM
-from av_common.sample_clock import SampleCounter
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
 
@@ -296,70 +290,3 @@ def test_faults_of_the_channels_are_reported(rig, tmp_path, array_file):
     rig.add(AudioNode, file=str(tmp_path / 'mono.wav'), loop=True)
     rig.add(DoaNode, array_file=array_file)
     rig.wait_for_status('channels 0, 1 are identical', DiagnosticStatus.ERROR)
-
-
-@pytest.mark.skipif(importlib.util.find_spec('audio_common_msgs') is not None, reason='audio_common_msgs is installed')
-def test_the_adapter_names_the_package_it_needs(rig):
-    rig.add(AudioCommonNode)
-    rig.wait_for_status('audio_common_msgs is not installed', DiagnosticStatus.ERROR)
-
-
-class Sent(list):
-    """A publisher that keeps what it gets."""
-
-    publish = list.append
-
-
-@dataclass
-class AudioInfo:
-    """audio_common_msgs/AudioInfo."""
-
-    channels: int = 0
-    sample_rate: int = 0
-    sample_format: str = ''
-    bitrate: int = 0
-    coding_format: str = ''
-
-
-@dataclass
-class AudioDataStamped:
-    """audio_common_msgs/AudioDataStamped."""
-
-    header: Header
-    audio: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(data=b''))
-
-
-@pytest.fixture
-def adapter(rig):
-    """The adapter with messages like those of audio_common_msgs, which is not among the packages of a ROS desktop."""
-    node = AudioCommonNode(parameter_overrides=[Parameter('autostart', value=False)])
-    rig.nodes.append(node)
-    node._messages = SimpleNamespace(AudioInfo=AudioInfo, AudioDataStamped=AudioDataStamped)
-    node._incoming, node._format, node._info = True, 'S16LE', None
-    node._counter = SampleCounter()
-    node._frames, node._infos, node._data = Sent(), Sent(), Sent()
-    return node
-
-
-def test_frames_become_audio_common_and_back(adapter):
-    samples = sound(0.2)
-    for k in (0, 1, 4):  # two frames are lost
-        adapter._on_frame(frame(samples[1600 * k:1600 * (k + 1)], 1600 * k, stamp=100.0 + 1600 * k / RATE))
-    assert adapter._infos == [AudioInfo(2, RATE, 'S16LE', 0, 'WAVE')]
-    expected = np.clip(np.round(samples[:1600].ravel() * 32768.0), -32768, 32767).astype('<i2')
-    assert bytes(adapter._data[0].audio.data) == expected.tobytes()
-    for message in adapter._data:
-        adapter._on_data(message)
-    assert [message.first_sample for message in adapter._frames] == [0, 1600, 6400]
-    assert adapter._frames[2].header == adapter._data[2].header
-    np.testing.assert_allclose(adapter._frames[2].samples, samples[6400:8000].ravel(), atol=2.0**-15)
-
-
-def test_the_adapter_reports_sound_that_it_cannot_read(adapter):
-    status = DiagnosticStatusWrapper()
-    adapter.diagnose(status)
-    assert 'no audio_info' in status.message
-    adapter._on_info(AudioInfo(2, RATE, 'mp3', 0, 'mp3'))
-    with pytest.raises(ValueError, match="sample format 'mp3'"):    # which the guard counts and reports
-        adapter._on_data(AudioDataStamped(Header(), SimpleNamespace(data=b'1234')))
-    assert adapter._frames == []

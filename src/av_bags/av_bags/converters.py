@@ -16,9 +16,9 @@ from rosidl_runtime_py.set_message import set_message_fields
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import Header
 
-from av_audio.pcm import FORMATS, decode
 from av_bags import topics as names
 from av_bags.errors import BagError
+from av_bags.pcm import FORMATS, decode
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock
@@ -41,7 +41,7 @@ class AudioLayout:
     Parameters:
         sample_rate (Hz): rate of each channel, 8000 to 384000.
         channels: number of interleaved channels, 1 to 64.
-        sample_format: one of `av_audio.pcm.FORMATS`.
+        sample_format: one of `av_bags.pcm.FORMATS`.
 
     Raises BagError for values out of bounds.
     """

@@ -1,4 +1,4 @@
-"""Times of numbered samples, by the arrivals of their blocks, and numbers of samples that have only stamps."""
+"""Times of numbered samples, by the arrivals of their blocks."""
 
 from __future__ import annotations
 
@@ -25,9 +25,6 @@ MOST_DRIFT = 0.03
 SLOPE_SPREAD_S = 3.0
 SLOPE_EXCESS_S = 0.005
 SLOPE_BLOCKS = 15
-# Streams without a sample index: a stamp further than this from where it was expected is a gap, of at most the longest.
-GAP_S = 0.02
-LONGEST_GAP_S = 60.0
 LARGEST_SAMPLE = 2.0**53
 END_OF_TIME_S = 2.0**31    # builtin_interfaces/Time holds 0 to this
 
@@ -135,29 +132,3 @@ class SampleClock:
         if spread <= SLOPE_SPREAD_S and not (n > SLOPE_BLOCKS and abs(slope) * spread > SLOPE_EXCESS_S):
             slope = 0.0
         return (y - slope * x) / n, slope
-
-
-class SampleCounter:
-    """Computes sample indices of blocks that have only stamps, with jumps where samples are missing."""
-
-    def __init__(self) -> None:
-        self._expected: tuple[int, float] | None = None  # sample index and stamp of the next block
-
-    def place(self, count: int, sample_rate: int, stamp: float) -> int:
-        """Index of the first sample of a block. A stamp far from the expected one, before or after, is a gap.
-
-        The index rises by LONGEST_GAP_S at most, whatever the stamp. Raises ValueError for a rate that is not positive.
-
-        Parameters:
-            count: number of samples of the block.
-            sample_rate (Hz): sample rate of the stream.
-            stamp (s): capture time of the first sample.
-        """
-        if sample_rate <= 0:
-            raise ValueError(f'audio of {sample_rate} samples a second')
-        first_sample, due = self._expected or (0, stamp)
-        if not abs(stamp - due) <= GAP_S:
-            gap = min(stamp - due, LONGEST_GAP_S) if stamp > due else 0.0
-            first_sample += max(1, round(gap * sample_rate))
-        self._expected = first_sample + count, stamp + count / sample_rate
-        return first_sample

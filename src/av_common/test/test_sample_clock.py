@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_common.sample_clock import SampleClock, SampleCounter
+from av_common.sample_clock import SampleClock
 
 RATE, BLOCK = 48_000, 1600
 
@@ -99,24 +99,3 @@ def test_impossible_sample_numbers_are_refused(sample):
 def test_nothing_is_known_before_the_first_block():
     with pytest.raises(RuntimeError, match='no block'):
         SampleClock(RATE).time_of(0)
-
-
-def test_blocks_with_stamps_only_are_counted_and_gaps_show():
-    counter = SampleCounter()
-    assert counter.place(1600, RATE, 100.0) == 0
-    assert counter.place(1600, RATE, 100.0 + 1600 / RATE + 0.005) == 1600  # jitter
-    after_gap = counter.place(1600, RATE, 101.0)
-    assert after_gap == pytest.approx(RATE, abs=0.01 * RATE)
-    assert counter.place(1600, RATE, 101.0 + 1600 / RATE) == after_gap + 1600
-    assert counter.place(1600, RATE, 50.0) == after_gap + 3201  # a restart: no continuation, and never backwards
-
-
-@pytest.mark.parametrize('stamp', [float('nan'), float('inf'), -float('inf'), 1e300, -1e300, 2.0**31])
-def test_no_stamp_moves_the_index_far(stamp):
-    counter = SampleCounter()
-    assert counter.place(1600, RATE, 100.0) == 0
-    first = counter.place(1600, RATE, stamp)
-    assert 1600 < first <= 1600 + 60 * RATE
-    assert first + 1600 < counter.place(1600, RATE, 101.0) <= first + 1600 + 60 * RATE
-    with pytest.raises(ValueError, match='0 samples'):
-        counter.place(1600, 0, 102.0)

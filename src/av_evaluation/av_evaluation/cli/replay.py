@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
-from av_audio.pcm import FORMATS
 from av_bags.converters import AudioLayout
+from av_bags.pcm import FORMATS
 from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter

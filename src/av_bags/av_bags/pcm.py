@@ -1,4 +1,4 @@
-"""Conversion between samples and bytes, in the formats that audio_common and GStreamer name."""
+"""Samples of bytes, in the formats that audio_common and GStreamer name."""
 
 from __future__ import annotations
 
@@ -22,20 +22,6 @@ def decode(data: bytes, sample_format: str, channels: int) -> NDArray:
     if channels < 1 or len(data) % (channels * np.dtype(kind).itemsize):
         raise ValueError(f'{len(data)} bytes are not a whole number of samples of {channels} channels in {sample_format}')
     return (np.frombuffer(data, kind).reshape(-1, channels) / full_scale).astype(np.float32)
-
-
-def encode(samples: NDArray, sample_format: str) -> bytes:
-    """Interleaved bytes of samples (n, channels) with full scale 1; integer formats clip larger ones.
-
-    Parameters:
-        samples (n, channels): full scale 1.
-        sample_format: one of FORMATS.
-    """
-    kind, full_scale = _format(sample_format)
-    if np.dtype(kind).kind == 'f':
-        return samples.astype(kind).tobytes()
-    scaled = np.round(np.asarray(samples, float) * full_scale)
-    return np.clip(scaled, -full_scale, full_scale - 1.0).astype(kind).tobytes()
 
 
 def _format(sample_format: str) -> tuple[str, float]:
