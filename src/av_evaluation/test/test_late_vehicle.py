@@ -15,6 +15,8 @@ from av_common.parameters import node_parameters
 from av_pointing.controller import LEAD_S, Command, Mode, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
+from av_px4.guard import BodyGuard, Inputs
+from av_px4.handover import EXTERNAL_MODES, VehicleStatus
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
 NOISE = math.radians(0.5)
@@ -129,6 +131,31 @@ def test_a_target_that_was_too_fast_is_caught_up_with(age, limit_deg):
     error = np.degrees(np.array(loop.error))
     assert error.max() > 15.0 and np.diff(loop.yaw).min() > -1e-4
     assert error.min() > -2.0 and swing_deg(loop, 4.0) < 2.0 and abs(error[-1]) < 2.0
+
+
+class GuardedStage(LimitedStage):
+    """Its commands reach the vehicle as the guard of px4_node lets them through."""
+
+    def __init__(self, limit_deg):
+        super().__init__(45.0, limit_deg)
+        self._guard = BodyGuard(math.radians(limit_deg))
+
+    def on_time(self, now):
+        command = super().on_time(now)
+        status = VehicleStatus(EXTERNAL_MODES[0] if self._guard.decision.reason != 'not started' else 4, True, False)
+        inputs = Inputs(status, 0.0, 0.0, 0.0, 0.0, self._measured.age(now), command.yaw_rate, True, EXTERNAL_MODES[0], True)
+        command.yaw_rate = self._guard.step(now.steady, inputs).yaw_rate
+        return command
+
+
+@pytest.mark.parametrize(('rate_deg', 'limit_deg', 'interval'), [
+    (15.0, 30.0, 0.2), (20.0, 30.0, 0.2), (15.0, 20.0, 0.25), (23.0, 45.0, 0.12), (22.0, 30.0, 0.14)])
+def test_measurements_far_apart_lose_no_target_within_what_they_allow(rate_deg, limit_deg, interval):
+    """Driven at a rate r for an interval T, PX4 turns on by r 0.4 exp((T - 0.2) / 0.4): at 0.2 s, 24 deg/s are allowed."""
+    for seed in range(3):
+        conditions = Conditions(bearing_rate=1.0 / interval, noise=NOISE, gain=0.93, seed=seed)
+        loop = close_loop(GuardedStage(limit_deg), conditions, lambda t: math.radians(rate_deg * max(t - 1.0, 0.0)), 20.0)
+        assert swing_deg(loop, 5.0) < 2.0 and loop.rms_deg(15.0) < 2.0
 
 
 class Undelayed(PointingController):

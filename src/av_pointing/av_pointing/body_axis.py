@@ -11,18 +11,9 @@ import numpy as np
 
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
+from av_common.stopping import YawAnswer, fastest_stoppable
 from av_pointing.response import Ahead, BodyMotion, LatencyEstimator, Response
 
-TURNS_ON = math.radians(9.6)       # turn from STOPPED_S on after the newest measurement: less than 10 deg, as promised
-# s, age of the newest measurement up to which any body is driven: PX4 at 30 deg/s, then commanded 0, turns on by TURNS_ON.
-# Faster bodies and slower vehicles turn on further, in proportion to rate and lag.
-SOONEST_S = 0.11
-STOP_S = 0.3                       # age of the newest measurement after which that turn counts
-STOPPED_S = 1.0 / 30.0             # time from the end of `left` to that promise: a period of commands
-SHARES = (np.arange(20) + 0.5) / 20.0    # of the time that is left, at which a stop is predicted
-CANDIDATES = np.linspace(-1.0, 1.0, 9)[:, None]    # next rates, from the lowest to the highest that the acceleration allows
-BRAKED_SHARE = 0.5                 # share of the predicted further turn that is braked: the prediction may be wrong
-LEAST_BRAKED = math.radians(3.0)   # rad/s, slower turns are not braked
 DELAY_FACTOR, UNCERTAINTY_FACTOR, FASTEST = 0.35, 1.0, 4.0   # of the bandwidth (1/s), see `BodyAxis.bandwidth`
 AGE_MEMORY = 0.05                  # share of a new age in the mean of the ages
 LONGEST_AGE_S = 1.5
@@ -115,7 +106,7 @@ class BodyAxis:
 
     def turn(self, time: float, dt: float, aim: Aim, dead_band: float, left: float,
              fastest: float = math.inf) -> None:
-        """Turn towards an aim while its measurements are fresh; later, against the body's rotation.
+        """Turn towards an aim, as fast as the body can still be stopped in time if no further measurement comes.
 
         Parameters:
             time (s): time of the command.
@@ -125,16 +116,14 @@ class BodyAxis:
             left (s): time until the rate must be 0.
             fastest (rad/s): limit of the rate, in addition to that of the axis.
         """
-        ahead = self.motion.ahead(time)
-        axis, sense = self._axis, math.copysign(1.0, ahead.further or self._axis.velocity)
-        lowest, most = sense * axis.velocity - axis.limits.acceleration * dt, self._fastest_safe(ahead, dt, left)
-        before = axis.velocity
+        ahead, axis, response = self.motion.ahead(time), self._axis, self.motion.response
+        before, acceleration = axis.velocity, axis.limits.acceleration
         self._steer(time, dt, aim, dead_band, ahead, fastest)
-        wanted = axis.velocity
+        wanted, sense = axis.velocity, math.copysign(1.0, ahead.rate or axis.velocity)
+        answer = YawAnswer(response.dead_time, response.lag, response.gain)
+        most = fastest_stoppable(abs(ahead.rate), left, dt, acceleration, answer) if dt else 0.0
         if sense * wanted > most:
-            axis.velocity = before if most <= lowest else sense * most
-            if most <= lowest:
-                self._brake(time, dt, ahead, left)
+            axis.velocity = sense * min(max(most, sense * before - acceleration * dt), sense * wanted)
         self._lost += (wanted - axis.velocity) * self.motion.response.gain * dt
 
     def stop(self, dt: float) -> None:
@@ -153,30 +142,6 @@ class BodyAxis:
         self.motion.command(time, self._axis.velocity if moves else 0.0)
         return self._axis.velocity
 
-    def _fastest_safe(self, ahead: Ahead, dt: float, left: float) -> float:
-        """The rate (rad/s, in the body's sense of rotation) from which it can still be stopped if no measurement comes.
-
-        A stop brings the rate down by the acceleration to the opposite one, of which BRAKED_SHARE counts, and back to 0 in
-        time. What the body turns after that is linear in what is commanded until then. inf: any rate that can be commanded.
-        """
-        response, limits = self.motion.response, self._axis.limits
-        sense, most = math.copysign(1.0, ahead.further or self._axis.velocity), limits.acceleration
-        rates = sense * self._axis.velocity + most * dt * CANDIDATES
-        if left <= STOPPED_S:
-            return float(rates[0, 0])
-        times = left * SHARES
-        opposite = -np.minimum(most * (left - times), limits.rate)
-        stop = np.maximum(np.minimum(rates, rates - most * (times - STOPPED_S)), opposite)
-        stop = np.where(stop < 0.0, BRAKED_SHARE * stop, stop)
-        until = left + STOPPED_S - response.dead_time    # from when a command of now shows
-        turned_later = np.exp(-np.maximum(until - times, 0.0) / response.lag)
-        turns_on = (abs(ahead.further) * math.exp(-max(until, 0.0) / response.lag)
-                    + response.gain * left * (stop @ turned_later) / SHARES.size)
-        spare = STOP_S - response.dead_time - SOONEST_S
-        least = response.lag * math.exp(-max(spare, 0.0) / response.lag) + max(-spare, 0.0)
-        allowed = max(TURNS_ON, abs(ahead.rate) * least)
-        return math.inf if turns_on[-1] <= allowed else float(np.interp(allowed, turns_on, rates[:, 0]))
-
     def _steer(self, time: float, dt: float, aim: Aim, dead_band: float, ahead: Ahead, fastest: float) -> None:
         motion, response, most = self.motion, self.motion.response, self._axis.limits.rate
         elapsed = min(time + response.dead_time - aim.time + self.latency.latency, LONGEST_AGE_S)
@@ -192,10 +157,3 @@ class BodyAxis:
         self._lost -= self._lost * min(FASTEST * dt, 1.0)
         gain = self.bandwidth + certain * (FASTEST - self.bandwidth)
         self._axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, gain)
-
-    def _brake(self, time: float, dt: float, ahead: Ahead, left: float) -> None:
-        """Turn against the body's rotation, where odometry confirms it, by a part of what it would turn further."""
-        measured = self.motion.rate(time)
-        turning = min(abs(ahead.rate), abs(measured)) if ahead.rate * measured > 0.0 else 0.0
-        share = BRAKED_SHARE * turning / abs(ahead.rate) / left if turning > LEAST_BRAKED and left > dt else 0.0
-        self._axis.follow(0.0, -share * ahead.further, dt)

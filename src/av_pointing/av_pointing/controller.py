@@ -1,6 +1,6 @@
 """Commands for gimbal and body from a track, within limits of angle, rate and acceleration.
 
-The body moves by measurements only. Its yaw rate is 0 BODY_TIMEOUT_S after the newest measurement of the track, or the newest
+The body moves by measurements only. Its yaw rate is 0 STOP_WITHIN after the newest measurement of the track, or the newest
 odometry, arrived, and what a fast body still turns is braked before (`body_axis.py`). The gimbal may follow a prediction for a
 while, the slower the older it is.
 """
@@ -16,12 +16,12 @@ from typing import NamedTuple
 from av_common.angles import wrap
 from av_common.frames import yaw_of
 from av_common.limited_axis import AxisLimits
+from av_common.stopping import STOP_WITHIN
 from av_common.track import State, Track
 from av_pointing.body_axis import Aim, BodyAxis
 from av_pointing.gimbal_axes import GimbalAxes
 from av_pointing.response import Response
 
-BODY_TIMEOUT_S = 0.3  # after the arrival of the newest measurement, and of the newest odometry, at which the body stands still
 LONGEST_STEP_S = 0.1  # longer steps are computed as this long
 PERIOD_S = 1.0 / 30.0  # longest time between two commands, by which braking begins earlier
 STALE_AFTER_S = 0.3  # after its arrival, from which a bearing moves nothing: six periods of fusion's slowest output
@@ -79,12 +79,12 @@ class Ages(NamedTuple):
     @property
     def body_left(self) -> float:
         """Time (s) until the body must stand still."""
-        return min(BODY_TIMEOUT_S - max(self.measurement, self.odometry), OLDEST_MEASUREMENT_S - self.captured)
+        return min(STOP_WITHIN - max(self.measurement, self.odometry), OLDEST_MEASUREMENT_S - self.captured)
 
     @property
     def predicted(self) -> bool:
         """Whether the bearing is a prediction, without a recent measurement."""
-        return self.measurement >= BODY_TIMEOUT_S or self.captured >= OLDEST_MEASUREMENT_S
+        return self.measurement >= STOP_WITHIN or self.captured >= OLDEST_MEASUREMENT_S
 
 
 @dataclass(frozen=True)

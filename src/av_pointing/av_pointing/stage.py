@@ -17,10 +17,11 @@ from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, 
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
+from av_common.stopping import STOP_WITHIN
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import BODY_TIMEOUT_S, OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
+from av_pointing.controller import OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings, with_gimbal
 
 
@@ -134,7 +135,7 @@ class PointingStage:
         if track is None or not track.measured > 0.0:
             return False
         stated, own = self._stated[track.measured]
-        young = now.steady - stated < BODY_TIMEOUT_S and now.steady - own < OLDEST_MEASUREMENT_S
+        young = now.steady - stated < STOP_WITHIN and now.steady - own < OLDEST_MEASUREMENT_S
         return now.steady - own <= captured or young
 
 

@@ -10,14 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from av_common.stopping import STOP_WITHIN, YawAnswer, fastest_stoppable
 from av_px4.handover import EXTERNAL_MODES, OFFBOARD, Handover, VehicleStatus
 
-STOP_WITHIN = 0.3                  # s from staleness to standstill; for command, measurement and attitude from their arrival
+PX4 = YawAnswer()                  # to a yaw rate, as flown
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
-DEAD_TIME, LAG = 0.1, 0.4          # s, of PX4's answer to a yaw rate, as flown
-TURNS_ON = math.radians(9.6)       # rad, by which a body turns on after STOP_WITHIN: less than the 10 deg that are promised
-FAST = math.radians(30.0)          # rad/s, up to which that is promised; a faster one turns on in proportion to its rate
-MAX_ACCELERATION = math.radians(900.0)    # rad/s^2, largest change of the yaw rate: by FAST within a period of commands, 1/30 s
+MAX_ACCELERATION = math.radians(900.0)    # rad/s^2, largest change of the yaw rate: by 30 deg/s within 1/30 s
 LARGEST_RATE = math.radians(100.0)        # rad/s; it takes a ninth of a second to 0
 COMMAND_TIMEOUT = 0.25             # s, age from which a pointing command is stale
 BEARING_TIMEOUT = 0.3              # s, age from which a bearing's newest measurement is stale
@@ -29,17 +27,6 @@ PATIENCE = 1.0                     # s of missing inputs before PX4 is told that
 STALL = 0.8                        # s between steps, or between messages of PX4, after which it may have left any mode
 WAITS = 'after an interruption: waiting for the next vehicle_status'
 DRAINED = 0.1                      # s after an interruption in which what PX4 said meanwhile arrives from the queues
-
-
-def driven_until(rate: float) -> float:
-    """Age (s) of the newest command or measurement by which a body of a yaw rate (rad/s) is braked to a command of 0.
-
-    A rate that is commanded 0 at an age T, in the middle of the braking, shows for DEAD_TIME more and then dies away with LAG:
-    the body turns on by LAG * rate * exp(-(STOP_WITHIN - DEAD_TIME - T) / LAG) after STOP_WITHIN. That is TURNS_ON at most, for
-    up to FAST; a faster one has as much time as that.
-    """
-    step = STOP_WITHIN - DEAD_TIME + LAG * math.log(TURNS_ON / (LAG * min(max(rate, 1e-3), FAST)))
-    return min(step + 0.5 * rate / MAX_ACCELERATION, STOP_WITHIN - MARGIN)
 
 
 @dataclass(frozen=True)
@@ -128,8 +115,7 @@ class BodyGuard:
         self._time: float | None = None
         self._beat: float | None = None    # when the last heartbeat was sent
         self._resumed = -math.inf          # end of the last interruption, of heartbeats or of this process
-        self._oldest = math.inf            # age of command or measurement at the last step, of which the larger
-        self._driven = 0.0                 # yaw rate since then of the largest magnitude
+        self._turning = 0.0                # yaw rate a dead time from now, by what was sent
 
     def step(self, time: float, inputs: Inputs) -> Decision:
         """Decide what is sent. The interval since the last step is limited to 0..0.1 s.
@@ -141,6 +127,7 @@ class BodyGuard:
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
         stalled = (self._time is not None and time - self._time > STALL) or inputs.attitude_age > STALL
         self._time = time
+        self._turning += (self._rate - self._turning) * (1.0 - math.exp(-dt / PX4.lag))
         if inputs.status is not None:
             self.handover.update(inputs.status, self.decision.heartbeat, bool(inputs.others))
         withheld = self._refusal(OFFBOARD, inputs) if self.offboard else 'offboard is false'
@@ -210,25 +197,19 @@ class BodyGuard:
     def _steer(self, dt: float, inputs: Inputs) -> float:
         """The yaw rate (rad/s): 0 where something is missing, and in time before it is."""
         limit, change = self.max_rate, MAX_ACCELERATION * dt
-        wanted = 0.0 if self._halt(inputs) else self._slowed(min(max(inputs.yaw_rate, -limit), limit), inputs)
+        wanted = 0.0 if self._halt(inputs) else self._slowed(min(max(inputs.yaw_rate, -limit), limit), dt, inputs)
         rate = min(max(wanted, self._rate - change), self._rate + change)
         # Braking begins so early that 0 is commanded STOP_WITHIN after the newest command, measurement or attitude.
         left = STOP_WITHIN - MARGIN - max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
         ceiling = MAX_ACCELERATION * max(left, 0.0)
         return min(max(rate, -ceiling), ceiling)
 
-    def _slowed(self, wanted: float, inputs: Inputs) -> float:
-        """A yaw rate (rad/s), less where a fast body would be driven on with an old command or measurement.
-
-        It may still be braked by the opposite rate, which pointing_node commands.
-        """
-        oldest = max(inputs.command_age, inputs.bearing_age)
-        if oldest < self._oldest or abs(self._rate) > abs(self._driven):
-            self._driven = self._rate
-        self._oldest = oldest
-        if wanted * self._driven < 0.0:
+    def _slowed(self, wanted: float, dt: float, inputs: Inputs) -> float:
+        """A yaw rate (rad/s), less where an old command or measurement would drive the body on. The opposite rate brakes it."""
+        if wanted * self._turning < 0.0:
             return wanted
-        ceiling = MAX_ACCELERATION * max(driven_until(abs(self._driven)) - oldest, 0.0)
+        left = STOP_WITHIN - max(inputs.command_age, inputs.bearing_age) - dt
+        ceiling = fastest_stoppable(abs(self._turning), left, dt, MAX_ACCELERATION, PX4) if dt else 0.0
         return min(max(wanted, -ceiling), ceiling)
 
     @staticmethod

@@ -17,6 +17,7 @@ from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds
+from av_common.stopping import STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import Command
@@ -32,7 +33,6 @@ from av_px4.guard import (
     MARGIN,
     POSITION_TIMEOUT,
     STATUS_TIMEOUT,
-    STOP_WITHIN,
     BodyGuard,
     Decision,
     Inputs,
