@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
-from av_simulator.rendering.view import Drone, RenderedImage, View
+from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, RenderedImage, View
 
 FIRST_SEED = 9000
 

@@ -38,7 +38,6 @@ from av_sim_bridge.receiving.streams import (
 )
 from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID, RIG_ID
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import check_truth, encode_truth
 from av_vision.encoded_image import decode_image
@@ -46,23 +45,28 @@ from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
-WORLD_FRAME = 'map'    # of positions (ENU; REP-105)
 Output = tuple[str, Any]    # topic and message
 
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Number of the targets, and options of the topics.
+    """Numbers of the vehicles, and options of the topics.
 
     Parameters:
-        targets: number of targets.
+        rig_id: number of the rig in the simulator.
+        target_id: number of the first target.
+        targets: number of targets, whose numbers are consecutive from `target_id`.
+        world_frame: frame of positions (ENU) in odometry and truth.
         follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
         oracle_detections: whether the visual oracle's reports become `detections`.
         ring_buffer_bytes (bytes): size of the buffer between `on_audio` and `read_audio`.
         max_image_pixels: maximum number of pixels of an image; 0 for twice as many as the rig's camera has.
     """
 
+    rig_id: int = 1
+    target_id: int = 2
     targets: int = 1
+    world_frame: str = 'map'
     follow_odometry: bool = False
     oracle_detections: bool = False
     ring_buffer_bytes: int = 200_000
@@ -71,8 +75,8 @@ class BridgeSettings:
     @property
     def target_topics(self) -> dict[int, str]:
         """Topic of each target's true state, by the target's number."""
-        others = range(FIRST_TARGET_ID + 1, FIRST_TARGET_ID + self.targets)
-        return {FIRST_TARGET_ID: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
+        others = range(self.target_id + 1, self.target_id + self.targets)
+        return {self.target_id: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
 
 
 class BridgeStage:
@@ -84,7 +88,7 @@ class BridgeStage:
     Parameters:
         rig: description of the rig: microphones, camera and frames.
         layout: format of the samples in audio datagrams.
-        settings: number of the targets, and options of the topics.
+        settings: numbers of the vehicles, and options of the topics.
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
@@ -98,7 +102,7 @@ class BridgeStage:
         self._images = {camera: ImageStream(self._clock, stamps, camera, most_bytes) for camera in rig.cameras}
         self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
         self.target_topics = settings.target_topics
-        names = {RIG_ID: 'rig_truth'} | {
+        names = {settings.rig_id: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
@@ -162,8 +166,8 @@ class BridgeStage:
         state = self._truth.take(datagram, arrival, sender)
         if state is None:
             return []
-        header = messages.make_header(state.stamp, WORLD_FRAME)
-        if state.copter_id == RIG_ID:
+        header = messages.make_header(state.stamp, self._settings.world_frame)
+        if state.copter_id == self._settings.rig_id:
             message = messages.odometry_message(header, self.rig.base_frame, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
@@ -215,7 +219,7 @@ class BridgeStage:
     def on_odometry(self, odometry: Odometry) -> bytes | None:
         """The datagram of the rig's pose for the simulator's control port; None for an impossible pose, which is counted."""
         try:
-            truth = to_truth(messages.vehicle_state(odometry), RIG_ID)
+            truth = to_truth(messages.vehicle_state(odometry), self._settings.rig_id)
             check_truth(truth)
         except ValueError:
             self._unusable_odometry += 1

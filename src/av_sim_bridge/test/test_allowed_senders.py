@@ -1,12 +1,14 @@
-"""Who may send: parsing, the sockets of two hosts, and counts of the refused."""
+"""Who may send: parsing, the sockets of two hosts, counts of the refused, and floods."""
 
 import socket
+import struct
+import threading
 import time
 
 import pytest
 from network_hosts import OTHER, RIG, STRANGER, two_hosts
 
-from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, resolve
+from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, resolve
 from av_sim_bridge.receiving.receiver import Receiver, open_port
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 
@@ -75,7 +77,7 @@ class Port:
         self.taken, self.refusals = [], Refusals()
         source = open_port('some_port', port, 1 << 20, address, group)
         self.receiver = Receiver('some', source, lambda datagram, _, sender: self.taken.append((datagram, sender)),
-                                 AllowedSenders(allowed), self.refusals)
+                                 SenderGate(source, AllowedSenders(allowed), self.refusals))
         self.number = self.receiver.port
 
     def wait(self, condition, seconds=30.0):
@@ -127,6 +129,84 @@ def test_the_multicast_group_is_received_in_the_network_of_the_address(address):
         port.wait(lambda: port.taken)
         port.receiver.stop()
         assert [datagram for datagram, _ in port.taken] == [b'tick']
+
+
+@pytest.mark.parametrize('entries', [[f'{OTHER}:5001'], ['10.0.0.0/30', OTHER], ['10.77.0.2/32', '10.0.0.1:7']])
+def test_the_kernel_accepts_the_same_senders(entries):
+    with two_hosts() as (rig, other):
+        port = rig.run(Port, entries, '0.0.0.0')
+        gate = port.receiver._gate
+        gate.renew()
+        gate._until = time.monotonic() + 60.0
+        gate._filter(True)
+        assert gate._filtered
+        for address, number in ((STRANGER, 5001), (OTHER, 5001)):
+            source = other.run(sender_at, address)
+            source.close()
+            source = other.run(lambda address=address, number=number: bound(address, number))
+            source.sendto(address.encode(), (RIG, port.number))
+        port.wait(lambda: port.taken)
+        port.receiver.stop()
+        assert [datagram for datagram, _ in port.taken] == [OTHER.encode()] and port.refusals.total == 0
+
+
+def bound(address, number):
+    source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    source.bind((address, number))
+    return source
+
+
+def test_a_flood_of_the_refused_delays_nothing(monkeypatch):
+    """Of the allowed one arrives what the network itself does not lose, and the refused are few to look at."""
+    monkeypatch.setattr(SenderGate, 'PERIOD', (60.0, 60.0))
+    with two_hosts() as (rig, other):
+        port = rig.run(Port, [OTHER], '0.0.0.0')
+        flooding, sent = True, 0
+
+        def flood():
+            nonlocal sent
+            source = other.run(sender_at, STRANGER)
+            while flooding:
+                for _ in range(100):
+                    source.sendto(bytes(1400), (RIG, port.number))
+                sent += 100
+                time.sleep(0.002)
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        port.wait(lambda: port.receiver._gate._filtered and sent > 1000)
+        source = other.run(sender_at, OTHER)
+        while not port.taken:    # until what the flood left in the buffer is gone
+            source.sendto(struct.pack('<i', 0), (RIG, port.number))
+            time.sleep(0.05)
+        for number in range(1, 101):
+            source.sendto(struct.pack('<i', number), (RIG, port.number))
+            time.sleep(0.01)
+        port.wait(lambda: port.taken[-1][0] == struct.pack('<i', 100))
+        refused, sent_until_then = port.refusals.total, sent
+        port.wait(lambda: sent > sent_until_then + 1000)
+        flooding = False
+        thread.join()
+        port.receiver.stop()
+        assert len({datagram for datagram, _ in port.taken}) > 95
+        assert SenderGate.MOST <= refused == port.refusals.total    # the rest is left to the kernel
+
+
+def test_after_a_flood_the_refused_are_counted_as_before(monkeypatch):
+    monkeypatch.setattr(SenderGate, 'MOST', 3)
+    now = 0.0
+    monkeypatch.setattr(time, 'monotonic', lambda: now)
+    refusals = Refusals()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as source:
+        gate = SenderGate(source, AllowedSenders([]), refusals)
+        filtered = []
+        for now in (0.0, 0.9, 1.1, 2.9, 3.1, 5.0, 7.2, 8.3):
+            gate.renew()
+            filtered.append(gate._filtered)
+            for _ in range(5 if now < 3.0 else 1):
+                assert not gate.admits(('10.0.0.1', 5))
+    assert filtered == [False, True, False, True, False, False, False, False]
+    assert refusals.total == 4 * 5 + 4
 
 
 def test_a_busy_port_and_a_foreign_address_name_the_parameter():

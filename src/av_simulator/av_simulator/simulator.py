@@ -22,16 +22,19 @@ from av_sim_bridge.wire.gimbal import encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import encode_imu
 from av_sim_bridge.wire.oracle import encode_oracle
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID, RIG_ID, TIME_SYNC_GROUP, Ports
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
+from av_simulator.rendering.view import FIRST_TARGET_ID
 from av_simulator.run import times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket
 from av_simulator.world import World
 
 log = logging.getLogger('simulator')
+
+RIG_ID = 1
 
 
 class Clock(Protocol):
@@ -320,7 +323,7 @@ class Simulator:
             self._send(encode_gimbal(gimbal), ports.gimbal)
         for number, target in enumerate(targets):
             truth = to_truth(target, FIRST_TARGET_ID + number)
-            self._send(encode_truth(truth, short), ports.target(number))
+            self._send(encode_truth(truth, short), ports.target_truth + 2 * number)
 
     def _send_time_sync(self, moment: float) -> None:
         now = self._start_ms + round(moment * 1e3)

@@ -6,7 +6,7 @@ import logging
 import socket
 from collections.abc import Iterator
 
-from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, ipv4
+from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4
 from av_sim_bridge.receiving.receiver import open_port
 
 log = logging.getLogger('simulator')
@@ -32,19 +32,19 @@ class ControlPort:
         self._allowed = allowed
         self._socket = open_port('control port', port, self.BUFFER_BYTES, bind_address)
         self._socket.setblocking(False)
+        self._gate = SenderGate(self._socket, allowed, self.refusals)
 
     def receive(self) -> Iterator[bytes]:
         """The datagrams that have arrived, the oldest first."""
+        self._gate.renew()
         for _ in range(self.MOST):
             try:
                 datagram, sender = self._socket.recvfrom(65_535)
             except BlockingIOError:
                 return
-            if sender in self._allowed:
+            if self._gate.admits(sender):
                 yield datagram
-                continue
-            self.refusals.add(sender)
-            if self.refusals.total in (1, 10, 100, 1000):
+            elif self.refusals.total in (1, 10, 100, 1000):
                 log.warning('command from %s:%d refused, obeyed is %s; %d refused so far', *sender, self._allowed,
                             self.refusals.total)
 

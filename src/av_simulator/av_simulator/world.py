@@ -13,13 +13,12 @@ from scipy.spatial.transform import Rotation
 from av_common.rig import Rig
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
 from av_sim_bridge.wire.gimbal import GimbalSample
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID
 from av_simulator.config_files import find_config
 from av_simulator.motion.gimbal import ENCODER_SIGMA
 from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.renderer_factory import RendererFactory
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import Drone, Renderer, View
+from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
 from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, Trunk, load_profile

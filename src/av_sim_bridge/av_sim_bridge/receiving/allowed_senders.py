@@ -1,10 +1,13 @@
-"""Which senders of datagrams are accepted: addresses and networks, and the counts of the others."""
+"""Which senders of datagrams are accepted: addresses and networks, the counts of the others, and a defence against floods."""
 
 from __future__ import annotations
 
+import ctypes
 import ipaddress
 import socket
+import struct
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +16,9 @@ Sender = tuple[Any, ...]
 
 LOOPBACK = ipaddress.IPv4Network('127.0.0.0/8')
 _MOST_ENTRIES = 64
+_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27    # Linux
+_SOURCE_ADDRESS = 0xFFF0_000C    # offset 12 in the IPv4 header (SKF_NET_OFF); offset 0 is the UDP header's source port
+_LOAD, _LOAD_HALF, _AND, _JUMP_EQUAL, _RETURN = 0x20, 0x28, 0x54, 0x15, 0x06
 
 
 class AllowedSenders:
@@ -56,6 +62,15 @@ class AllowedSenders:
                 f'bind_address is {bind_address}, which other machines reach, but allowed_senders is {self}, expected the '
                 'address of the machine that sends, such as 192.168.1.20')
 
+    def kernel_filter(self) -> bytes:
+        """The same set as a program of the classic BSD packet filter, for SO_ATTACH_FILTER of a UDP socket."""
+        program = []
+        for network, mask, port in self._rules:
+            both = [] if port is None else [(_LOAD_HALF, 0, 0, 0), (_JUMP_EQUAL, 0, 1, port)]
+            program += [(_LOAD, 0, 0, _SOURCE_ADDRESS), (_AND, 0, 0, mask), (_JUMP_EQUAL, 0, len(both) + 1, network),
+                        *both, (_RETURN, 0, 0, 0xFFFF_FFFF)]
+        return b''.join(struct.pack('HBBI', *instruction) for instruction in [*program, (_RETURN, 0, 0, 0)])
+
 
 class Refusals:
     """Counts of refused datagrams by address. The table holds the newest addresses only; may be used from any thread.
@@ -85,6 +100,56 @@ class Refusals:
         """Refused datagrams by address, the newest address first."""
         with self._lock:
             return dict(reversed(self._counts.items()))
+
+
+class SenderGate:
+    """Refuses and counts the datagrams of other senders at one socket.
+
+    In a flood the kernel refuses them instead, without count, so that they take neither time nor the socket's buffer. It
+    does so for a period, which is twice as long each time that the flood goes on afterwards.
+
+    Parameters:
+        source: the socket that receives.
+        allowed: senders to accept.
+        refusals: counts, which several gates may share.
+    """
+
+    MOST = 100              # refused datagrams in a period that are counted; those that follow are left to the kernel
+    PERIOD = (1.0, 64.0)    # s, shortest and longest
+
+    def __init__(self, source: socket.socket, allowed: AllowedSenders, refusals: Refusals) -> None:
+        self._socket, self._allowed, self._refusals = source, allowed, refusals
+        self._refused, self._until, self._period = 0, 0.0, self.PERIOD[0]
+        self._filtered = False
+
+    def admits(self, sender: Sender) -> bool:
+        """Whether the datagram of a sender is accepted."""
+        if sender in self._allowed:
+            return True
+        self._refusals.add(sender)
+        self._refused += 1
+        if self._refused == self.MOST:
+            self._filter(True)
+        return False
+
+    def renew(self) -> None:
+        """Count again after a period; called between datagrams."""
+        if (now := time.monotonic()) < self._until:
+            return
+        self._period = min(2.0 * self._period, self.PERIOD[1]) if self._refused >= self.MOST else self.PERIOD[0]
+        self._until, self._refused = now + self._period, 0
+        if self._filtered:
+            self._filter(False)
+
+    def _filter(self, on: bool) -> None:
+        program = self._allowed.kernel_filter()
+        code = ctypes.create_string_buffer(program, len(program))
+        option = struct.pack('HP', len(program) // 8, ctypes.addressof(code))
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER if on else _SO_DETACH_FILTER, option)
+        except OSError:    # not Linux: refused here one by one
+            return
+        self._filtered = on
 
 
 def ipv4(parameter: str, text: str) -> ipaddress.IPv4Address:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
-from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals
+from av_sim_bridge.receiving.allowed_senders import Refusals, SenderGate
 from av_sim_bridge.receiving.worker import report
 from av_sim_bridge.wire import ForeignSenderError, UndatedError, WireError
 
@@ -24,12 +24,12 @@ _IP_MULTICAST_ALL = 49    # Linux: 0 leaves out what other sockets of this machi
 _LARGEST = 65_535
 
 
-def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
+def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
               multicast_group: str | None = None) -> socket.socket:
-    """A UDP socket that is bound to a port. Raises OSError with the stream's name if the port is not available.
+    """A UDP socket that is bound to a port. Raises OSError with the parameter's name if the port is not available.
 
     Parameters:
-        name: of the stream, for the error message.
+        parameter: name of the parameter that sets the port, for the error message.
         port: UDP port.
         buffer_bytes (bytes): size of the receive buffer that is requested from the operating system.
         address: local address to bind to, 0.0.0.0 for all.
@@ -49,7 +49,7 @@ def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1
         receiver.close()
         hint = {errno.EADDRINUSE: ', the port is used by another program',
                 errno.EADDRNOTAVAIL: ', this machine has no such address'}.get(error.errno or 0, '')
-        raise OSError(f'{name}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
+        raise OSError(f'{parameter}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     for option, value in ((_SO_RCVBUFFORCE, buffer_bytes), (_SO_TIMESTAMPNS, 1)):
         with contextlib.suppress(OSError):    # not root, or not Linux: keep the default buffer and clock
@@ -65,18 +65,16 @@ class Receiver:
         name: name of the stream.
         source: bound UDP socket, which this object closes.
         handle: function of datagram, arrival (s, the system's clock) and the sender's address; may raise WireError.
-        allowed: senders whose datagrams are accepted; others are refused before anything else is done. None accepts everybody.
-        refusals: counts of the refused, which several receivers may share.
+        gate: refuses datagrams of other senders before anything else is done with them; None accepts everybody.
     """
 
-    def __init__(self, name: str, source: socket.socket, handle: Handler, allowed: AllowedSenders | None = None,
-                 refusals: Refusals | None = None):
+    def __init__(self, name: str, source: socket.socket, handle: Handler, gate: SenderGate | None = None):
         self.name = name
         self.meter = RateMeter()
         self.malformed = 0
         self.last_error = ''
         self.foreign = Refusals(3, ports=True)  # of others than the stream's sender
-        self._socket, self._handle, self._allowed, self._refusals = source, handle, allowed, refusals or Refusals()
+        self._socket, self._handle, self._gate = source, handle, gate
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
         self._thread.start()
@@ -98,14 +96,14 @@ class Receiver:
 
     def _run(self) -> None:
         while not self._stopping:
+            if self._gate is not None:
+                self._gate.renew()
             try:
                 datagram, ancillary, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMEVAL.size))
             except TimeoutError:
                 continue
-            if self._allowed is None or sender in self._allowed:
+            if self._gate is None or self._gate.admits(sender):
                 self._take(datagram, _arrival(ancillary), sender)
-            else:
-                self._refusals.add(sender)
 
     def _take(self, datagram: bytes, arrival: float, sender: tuple) -> None:
         try:

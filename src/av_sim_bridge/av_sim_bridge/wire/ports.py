@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 TIME_SYNC_GROUP = '224.0.0.10'
-RIG_ID, FIRST_TARGET_ID = 1, 2  # RFlySim numbers vehicles from 1
 
 
 @dataclass(frozen=True)
@@ -29,10 +28,6 @@ class Ports:
     def depth(self) -> int:
         """Port of depth images, which are sent as the next image sensor."""
         return self.image + 1
-
-    def target(self, index: int) -> int:
-        """Port of the true state of one of several targets, from 0."""
-        return self.target_truth + 2 * index
 
     def shifted(self, offset: int) -> 'Ports':
         """The ports plus `offset`, for another rig on the same machine."""

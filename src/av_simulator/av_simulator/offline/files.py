@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import soundfile
 
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID
-from av_simulator.rendering.view import RenderedImage, View
+from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
 

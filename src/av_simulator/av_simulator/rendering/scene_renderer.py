@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import mat2quat
 
 from av_common.camera import PinholeCamera
-from av_sim_bridge.wire.ports import FIRST_TARGET_ID
 from av_simulator.rendering.camera_effects import CameraEffects, contrast_left
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
 from av_simulator.rendering.scenes import Scene, Solid
@@ -31,6 +30,7 @@ from av_simulator.rendering.thermal import (
     apparent_temperature,
 )
 from av_simulator.rendering.view import (
+    FIRST_TARGET_ID,
     Appearance,
     Drone,
     RenderedImage,
