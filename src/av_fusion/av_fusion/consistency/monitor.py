@@ -203,19 +203,19 @@ class ConsistencyMonitor:
             self._jumps, self._seen = self._motion.jumps, -math.inf
             if self._bank is not None:
                 self._bank.turn_world()
-        bank, used = self._bank, False
+        bank = self._bank
         if bank is None:
             return None
         while self._waiting and self._waiting[0][0] <= now - LAG_S:
             time, _, measurement = heappop(self._waiting)
-            used = True
             if time >= self._time and self._motion.is_known(time):
                 if isinstance(measurement, CameraMeasurement):
                     self._see(bank, time, measurement)
                 else:
                     self._hear(bank, time, measurement)
-        if used:
-            self._decide(bank)
+        self._decide(bank)
+        if self._sights:
+            self.belief = self._believe(bank, now)
         return self.fault
 
     def _begin(self, is_pair: bool) -> None:
@@ -223,7 +223,7 @@ class ConsistencyMonitor:
         self._odds = sum(one.prior for one in bank.hypotheses[1:]) / bank.hypotheses[0].prior
         self._flips = np.array([is_pair and len({SWAPPED, REVERSED_YAW}.intersection(h.signs)) == 1
                                 for h in bank.hypotheses])
-        self._decide(bank)
+        self._apart = np.tile([h.sigmas.get(CAMERA_YAW, 0.0) ** 2 for h in bank.hypotheses], (2, 1))
 
     def _see(self, bank: FilterBank, time: float, measurement: CameraMeasurement) -> None:
         if time < self._seen + SIGHT_PERIOD_S:
@@ -246,7 +246,7 @@ class ConsistencyMonitor:
             return
         self._pass(bank, time)
         self._heard = time
-        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and self._is_alone(time) and len(window) <= MOST_HEARD
+        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and len(window) <= MOST_HEARD
         pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
         images = np.array([h.azimuth for h in first.hypotheses])
         if cone is not None:
@@ -289,8 +289,14 @@ class ConsistencyMonitor:
             self.fault = self._fault_of(bank, named, wrong, chance < NAMED)
         elif chance > 1.0:
             self.fault = None
-        in_body, in_world = bank.apart @ posterior
-        self.belief = Belief(float(posterior @ self._flips), float(in_body), float(in_world)) if self._sights else Belief()
+
+    def _believe(self, bank: FilterBank, now: float) -> Belief:
+        """What is published of a bearing at `now` (s): while nothing is seen, bearings are off by as much as when it was."""
+        if bank.target_known and now - self._seen <= GAP_S:
+            self._apart = bank.apart(now - self._time, self._motion.yaw(now))
+        posterior = bank.posterior()
+        in_body, in_world = self._apart @ posterior
+        return Belief(float(posterior @ self._flips), float(in_body), float(in_world))
 
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""

@@ -105,16 +105,16 @@ class FilterBank:
     """An extended Kalman filter for each hypothesis, and the logarithm of its evidence (Magill 1965).
 
     A measurement may be clutter: it enters with the probability that it is none (Bar-Shalom, probabilistic data association).
-    Sound stems from what is seen, or from something else; which of both is a Markov chain of each hypothesis (Rabiner 1989).
+    Sound stems from the target, from another thing that is seen, or from something else; which of these is a Markov chain of
+    each hypothesis (Rabiner 1989).
 
     The target's angle is that at the capture of what the camera has just sent, CAMERA_LATE before its stamp.
 
     Attributes:
         mean: (ALONE + h, SIZE); covariance: (ALONE + h, SIZE, SIZE).
         evidence: (h) logarithms.
-        paired: (h) probability that sound stems from what is seen.
-        apart: (2, h; rad^2) mean square by which the direction by a hypothesis is off that of the first, the description,
-            beyond the error of a careful one, in body and world, at the newest sighting.
+        paired: (2, h) probabilities that sound stems from the target, and from another thing that is seen.
+        target_known: whether the target was seen, and is no outlier by the description.
 
     Parameters:
         hypotheses: h hypotheses.
@@ -125,7 +125,6 @@ class FilterBank:
     covariance: NDArray = field(init=False)
     evidence: NDArray = field(init=False)
     paired: NDArray = field(init=False)
-    apart: NDArray = field(init=False)
 
     def __post_init__(self) -> None:
         number = ALONE + len(self.hypotheses)
@@ -140,16 +139,17 @@ class FilterBank:
             np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
             for sign in (SWAPPED, MIRRORED, REVERSED_YAW))
         self._sees = np.arange(number) >= ALONE
-        self._elevation, self._manoeuvre = 0.0, 1.0
+        self._manoeuvre, self._described, self._unseen = 1.0, 0.0, 0.0
+        self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
+        self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
         self._sides = np.full(ALONE, 1.0 / ALONE)  # probabilities of these filters
-        self.apart = np.tile([h.sigmas.get(CAMERA_YAW, 0.0) ** 2 for h in self.hypotheses], (2, 1))
         self.turn_world()
 
     def forget_target(self) -> None:
         """A new target begins; what is known of the set-up stays."""
         self._forget(self._sees)
-        self.paired = np.full(len(self.hypotheses), 1.0 - UNPAIRED)
-        self._target_known = False
+        self.paired = np.zeros((2, len(self.hypotheses)))
+        self.target_known = False
 
     def turn_world(self) -> None:
         """The heading was corrected: nothing is known of where things are, but of the set-up."""
@@ -170,6 +170,8 @@ class FilterBank:
         step = np.eye(SIZE)
         step[TARGET, TARGET_RATE] = seconds
         step[BIAS, BIAS] = math.exp(-seconds / BIAS_TIME_S)
+        self._unseen += seconds
+        self._described += seconds * self.mean[ALONE, TARGET_RATE]
         self.mean = self.mean @ step.T
         self.covariance = step @ self.covariance @ step.T
         self.covariance[:, BIAS, BIAS] += BIAS_SIGMA**2 * (1.0 - step[BIAS, BIAS] ** 2)
@@ -179,53 +181,111 @@ class FilterBank:
         scale[:ALONE] = 1.0, 1.0, REST, REST
         self.covariance[:, :TARGET_RATE + 1, :TARGET_RATE + 1] += scale[:, None, None] * growth
         stays, meets = math.exp(-seconds / PARTS_S), 1.0 - math.exp(-seconds / MEETS_S)
-        self.paired = self.paired * stays + (1.0 - self.paired) * meets
+        self.paired = self.paired * stays + (1.0 - self.paired.sum(axis=0)) * meets * self._shares
 
     def see(self, event: SightEvent, counts: bool = True) -> None:
-        """Use an image, in which one detection at most is the target; `counts` is whether it is evidence."""
+        """Use an image, in which one detection at most is the target.
+
+        Parameters:
+            event: the image.
+            counts: whether it is evidence; what is none says nothing of the set-up.
+        """
+        self._shares = np.array([[1.0], [len(event.rays) - 1.0]]) / len(event.rays)
         late = self.mean[:, CAMERA_LATE]
         yaws = self._turn * np.interp(late, YAW_DELAYS_S, event.yaws)
         turning = self._turn * (np.interp(late + 0.05, YAW_DELAYS_S, event.yaws) -
                                 np.interp(late - 0.05, YAW_DELAYS_S, event.yaws)) / 0.1
         azimuths, elevations = self._seen(event.rays, event, self.mean[:, FOCAL])
-        if not self._target_known:
+        if not self.target_known:
             self.mean[self._sees, TARGET] = (azimuths[:, 0] + yaws)[self._sees]
         every = wrap(azimuths - (self.mean[:, TARGET] - yaws)[:, None])
         rows, nearest = np.arange(len(every)), np.argmin(np.abs(every), axis=1)
-        left, self._elevation = every[rows, nearest], float(elevations[ALONE, nearest[ALONE]])
+        left = every[rows, nearest]
         moved, _ = self._seen(event.rays, event, self.mean[:, FOCAL] + 0.01)
         slopes = np.zeros_like(self.mean)
         slopes[:, TARGET], slopes[:, CAMERA_YAW], slopes[:, CAMERA_LATE] = 1.0, -1.0, -turning
         slopes[:, FOCAL] = -wrap(moved - azimuths)[rows, nearest] / 0.01
         scale = np.exp(self.mean[:, FOCAL])    # of angles: the density is that of the angle as it was measured
         variance = event.variance * scale**2
-        if self._target_known:
+        if self.target_known:
             self._adapt(left, slopes, variance)
         densities, gain, spread = self._compare(every, slopes, variance)
         genuine = self._sees * (1.0 - SIGHT_CLUTTER) * scale * densities.mean(axis=1)
         likelihood = genuine + SIGHT_CLUTTER * 0.5 / event.half_view
         share = genuine / likelihood
-        if self._target_known:
+        if self.target_known:
             self.evidence += counts * np.log(likelihood[ALONE:])
         else:  # the first of a target only tells where it is, and is as likely anywhere
             share = self._sees * 1.0
-        self._correct(left, gain, spread, share)
-        self._target_known = True
+            self.paired = (1.0 - UNPAIRED) * np.tile(self._shares, len(self.hypotheses))
+        self._correct(left, gain, spread, share, SIZE if counts else BIAS)
+        self.target_known = True
         if share[ALONE] < 0.5:  # by the description it is not the target of before, once: what follows is no more evidence
             self.forget_target()
             return
-        self._measure_apart(float(np.interp(0.0, YAW_DELAYS_S, event.yaws)))
+        self._unseen, order = 0.0, np.argsort(np.abs(every), axis=1)
+        azimuths = np.take_along_axis(azimuths, order, axis=1).T
+        self._beside, self._elevations = wrap(azimuths - azimuths[0]) * self._sees, elevations[ALONE][order].T
+        x, y, _ = event.level @ event.view @ event.rays[nearest[ALONE]]
+        self._described = math.atan2(y, x) + float(np.interp(0.0, YAW_DELAYS_S, event.yaws))
 
     def hear(self, event: SoundEvent, is_seen: bool) -> None:
-        """Use a window of sound, in which one direction at most is the target's; `is_seen` is whether that is seen now."""
+        """Use a window of sound.
+
+        Parameters:
+            event: the window, in which one direction at most is of what is seen.
+            is_seen: whether anything is seen now.
+        """
         if not self._sound_known:
             self.mean[:ALONE, TARGET] = event.images[[0, -1, 0, -1]] + event.yaw
+        compared = [self._hear_of(event, *thing) for thing in zip(self._beside, self._elevations, strict=True)]
+        left, densities, gain, spread = (np.stack(parts, axis=1) for parts in zip(*compared, strict=True))
+        genuine = (1.0 - SOUND_CLUTTER) * densities.mean(axis=2)
+        weights = self._weights(is_seen)
+        likelihood = weights * (genuine + SOUND_CLUTTER * UNIFORM)
+        share = np.sum(weights * genuine, axis=1) / np.maximum(np.sum(likelihood, axis=1), 1e-300)
+        if self._sound_known:
+            alone = float(self._sides @ likelihood[:ALONE, 0])
+            self._sides = 0.98 * self._sides * likelihood[:ALONE, 0] / alone + 0.02 / ALONE
+        else:
+            alone, share[:ALONE] = UNIFORM, 1.0
+        self._sound_known = True
+        if weights[ALONE:].any():
+            total = np.sum(likelihood[ALONE:], axis=1) + (1.0 - np.sum(weights[ALONE:], axis=1)) * alone
+            self.evidence += np.log(total)
+            self.paired = np.stack([likelihood[ALONE:, 0], np.sum(likelihood[ALONE:, 1:], axis=1)]) / total
+            # A filter is that of the case in which sound is of what is seen.
+            share[ALONE:] *= np.sum(self.paired, axis=0) > UNPAIRED
+        rows, most = np.arange(len(left)), np.argmax(weights * genuine, axis=1)
+        left = left[rows, most]
+        self._correct(left[rows, np.argmin(np.abs(left), axis=1)], gain[rows, most], spread[rows, most], share)
+        if share[:ALONE].max() < 0.5:  # another source
+            self._forget(~self._sees)
+            self._sound_known = False
+
+    def _weights(self, is_seen: bool) -> NDArray:
+        """Probabilities (ALONE + h, t) that sound is of each thing that is seen; the filters of sound alone have one thing."""
+        weights = np.zeros(self._beside.T.shape)
+        weights[:ALONE, 0] = 1.0
+        if is_seen and self.target_known:
+            weights[ALONE:, 0] = self.paired[0]
+            weights[ALONE:, 1:] = self.paired[1][:, None] / max(len(self._beside) - 1, 1)
+        return weights
+
+    def _hear_of(self, event: SoundEvent, beside: NDArray, elevation: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """A window as sound of one thing that is seen: measured minus expected (ALONE + h, n), and what `_compare` says of it.
+
+        Parameters:
+            event: the window.
+            beside, elevation (rad): (ALONE + h) of the thing, the azimuth off the target's.
+        """
         rate = self.mean[:, TARGET_RATE]
         travel = self.mean[:, TRAVEL] - self._sees * self.mean[:, CAMERA_LATE]
-        across = self.mean[:, TARGET] - rate * travel - self._turn * event.yaw
-        cosine, sine, up = np.cos(across), np.sin(across), self._elevation
-        flat = math.cos(up) * np.stack([cosine, sine, np.full_like(cosine, math.tan(up))], axis=1)
-        aside = math.cos(up) * np.stack([-sine, cosine, np.zeros_like(cosine)], axis=1)
+        across = self.mean[:, TARGET] + beside - rate * travel - self._turn * event.yaw
+        cosine, sine = np.cos(across), np.sin(across)
+        level = np.cos(elevation)
+        flat = np.stack([level * cosine, level * sine, np.sin(elevation)], axis=1)
+        aside = np.stack([-level * sine, level * cosine, np.zeros_like(level)], axis=1)
         axis = event.level @ event.axis
         spacing = np.exp(self.mean[:, SPACING])
         along = self._channel * spacing * (flat @ axis)
@@ -238,28 +298,8 @@ class FilterBank:
         left = event.cosines[None, :] - (along + self.mean[:, DELAY] + self.mean[:, BIAS])[:, None]
         # A window is heard as its louder parts: the direction moves while it lasts.
         moved = by_angle * (rate - self._turn * event.yaw_rate) * CENTRE * event.window
-        densities, gain, spread = self._compare(left, slopes, event.variance + moved**2)
-        genuine = (1.0 - SOUND_CLUTTER) * densities.mean(axis=1)
-        likelihood = genuine + SOUND_CLUTTER * UNIFORM
-        share = genuine / likelihood
-        if self._sound_known:
-            alone = float(self._sides @ likelihood[:ALONE])
-            self._sides = 0.98 * self._sides * likelihood[:ALONE] / alone + 0.02 / ALONE
-        else:
-            alone, share[:ALONE] = UNIFORM, 1.0
-        self._sound_known = True
-        paired = self.paired if is_seen and self._target_known else np.zeros_like(self.paired)
-        total = paired * likelihood[ALONE:] + (1.0 - paired) * alone
-        if paired.any():
-            self.evidence += np.log(total)
-            self.paired = paired * likelihood[ALONE:] / total
-            share[ALONE:] *= self.paired > UNPAIRED  # a filter is that of the case in which sound is of what is seen
-        else:
-            share[ALONE:] = 0.0
-        self._correct(left[np.arange(len(left)), np.argmax(densities, axis=1)], gain, spread, share)
-        if share[:ALONE].max() < 0.5:  # another source
-            self._forget(~self._sees)
-            self._sound_known = False
+        passed = by_angle * (beside != 0.0) * RATE_SIGMA * self._unseen  # of another thing the rate is not known
+        return left, *self._compare(left, slopes, event.variance + moved**2 + passed**2)
 
     def _adapt(self, left: NDArray, slopes: NDArray, variance: NDArray) -> None:
         """Let the target manoeuvre as much as the best hypothesis needs, for all of them: its normalised squares become 1.
@@ -274,12 +314,24 @@ class FilterBank:
         excess = min(float(left[best]) ** 2 / spread, LARGEST_SQUARE) - 1.0
         self._manoeuvre = min(max(self._manoeuvre * math.exp(ADAPTATION * excess), 1.0), MOST_MANOEUVRE)
 
-    def _measure_apart(self, yaw: float) -> None:
-        mean, variance = self.mean[ALONE:, TARGET], self.covariance[ALONE:, TARGET, TARGET]
-        spread = np.maximum(variance - variance[0], 0.0)
-        in_world = wrap(mean - mean[0])
+    def apart(self, seconds: float, yaw: float) -> NDArray:
+        """Mean squares (2, h; rad^2) by which the target is off where it was seen by the description, in body and world.
+
+        The error of a careful description is no part of them.
+
+        Parameters:
+            seconds (s): since the newest measurement.
+            yaw (rad): heading then.
+        """
+        mean = self.mean[ALONE:]
+        rate, ahead = mean[:, TARGET_RATE], seconds + mean[:, CAMERA_LATE]
+        slopes = np.zeros_like(mean)
+        slopes[:, TARGET], slopes[:, TARGET_RATE], slopes[:, CAMERA_LATE] = 1.0, ahead, rate
+        variance = np.einsum('hi,hij,hj->h', slopes, self.covariance[ALONE:], slopes)
+        in_world = wrap(mean[:, TARGET] + rate * ahead - (self._described + rate[0] * seconds))
         in_body = wrap(in_world - (self._turn[ALONE:] - 1.0) * yaw)
-        self.apart = np.maximum(np.square([in_body, in_world]) + spread - CAREFUL[CAMERA_YAW] ** 2, 0.0)
+        spread = np.maximum(variance - variance[0], 0.0)
+        return np.asarray(np.maximum(np.square([in_body, in_world]) + spread - CAREFUL[CAMERA_YAW] ** 2, 0.0))
 
     def fade(self, share: float) -> None:
         """Keep this share of the evidence against the prior, so that a mended set-up is believed again."""
@@ -312,9 +364,14 @@ class FilterBank:
         spread = np.sum(slopes * gain, axis=1) + variance
         return np.exp(-0.5 * left**2 / spread[:, None]) / np.sqrt(math.tau * spread)[:, None], gain, spread
 
-    def _correct(self, left: NDArray, gain: NDArray, spread: NDArray, share: NDArray) -> None:
-        """Use a measurement with the probability (ALONE + h) that it is the target's; the rest as of `_compare`."""
+    def _correct(self, left: NDArray, gain: NDArray, spread: NDArray, share: NDArray, size: int = SIZE) -> None:
+        """Use a measurement with the probability (ALONE + h) that it is the target's; the rest as of `_compare`.
+
+        Of what is no evidence nothing is learned but the first `size` states; the others keep their uncertainty (Schmidt 1966).
+        """
         k = gain / spread[:, None]
+        k[:, size:] = 0.0
         self.mean += (share * left)[:, None] * k
-        change = share * ((1.0 - share) * left**2 - spread)
-        self.covariance += change[:, None, None] * k[:, :, None] * k[:, None, :]
+        cross = share[:, None, None] * k[:, :, None] * gain[:, None, :]
+        more = share * ((1.0 - share) * left**2 + spread)
+        self.covariance += more[:, None, None] * k[:, :, None] * k[:, None, :] - cross - np.swapaxes(cross, 1, 2)
