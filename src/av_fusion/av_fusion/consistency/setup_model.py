@@ -141,6 +141,7 @@ class FilterBank:
         self._sees = np.arange(number) >= ALONE
         self._manoeuvre, self._described, self._unseen = 1.0, 0.0, 0.0
         self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
+        self._set_up_slopes = np.zeros((len(self.hypotheses), SIZE))
         self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
         self._sides = np.full(ALONE, 1.0 / ALONE)  # probabilities of these filters
         self.turn_world()
@@ -227,6 +228,7 @@ class FilterBank:
         azimuths = np.take_along_axis(azimuths, order, axis=1).T
         self._beside, self._elevations = wrap(azimuths - azimuths[0]) * self._sees, elevations[ALONE][order].T
         x, y, _ = event.level @ event.view @ event.rays[nearest[ALONE]]
+        self._set_up_slopes = slopes[ALONE:] * (np.arange(SIZE) != TARGET)  # of where the camera saw it, by the set-up alone
         self._described = math.atan2(y, x) + float(np.interp(0.0, YAW_DELAYS_S, event.yaws))
 
     def hear(self, event: SoundEvent, is_seen: bool) -> None:
@@ -325,8 +327,8 @@ class FilterBank:
         """
         mean = self.mean[ALONE:]
         rate, ahead = mean[:, TARGET_RATE], seconds + mean[:, CAMERA_LATE]
-        slopes = np.zeros_like(mean)
-        slopes[:, TARGET], slopes[:, TARGET_RATE], slopes[:, CAMERA_LATE] = 1.0, ahead, rate
+        slopes = self._set_up_slopes.copy()
+        slopes[:, CAMERA_LATE] -= rate
         variance = np.einsum('hi,hij,hj->h', slopes, self.covariance[ALONE:], slopes)
         in_world = wrap(mean[:, TARGET] + rate * ahead - (self._described + rate[0] * seconds))
         in_body = wrap(in_world - (self._turn[ALONE:] - 1.0) * yaw)
