@@ -8,7 +8,7 @@ import pytest
 from vehicle import Vehicle
 
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
-from av_evaluation.faults.formula_rig import START, Source
+from av_evaluation.faults.formula_rig import START, Source, never
 from av_evaluation.faults.matrix import drone, named, title, turning, turning_rig
 from av_interfaces.msg import Bearing
 
@@ -117,6 +117,15 @@ def test_a_second_source_that_is_heard_is_no_fault(place):
     rig = FaultyRig([silent, Source.at(place, seen=lambda t: False)], attitude=turning(5), seed=5)
     rig.run(40.0)
     assert rig.stage.consistency.fault is None
+
+
+@pytest.mark.parametrize('faults', [Faults(camera_yaw_deg=22.0), Faults(swapped=True), Faults()], ids=title)
+def test_while_several_things_are_seen_faults_are_told_too(faults):
+    """Beside the drone hovers another one that is silent."""
+    rig, first = FaultyRig([drone(1), Source.at(-15.0, 8.0, heard=never)], attitude=turning(1), seed=1, faults=faults), None
+    for _ in rig.steps(TOLD_S):
+        first = first or rig.stage.consistency.fault
+    assert first is None if faults == Faults() else named(faults, first)
 
 
 def test_a_user_who_knows_better_decides():
