@@ -166,11 +166,11 @@ class Attack:
         self._begun, next_victims = time.monotonic(), dict[str, list[str]]()
         for number in count():
             for kind in kinds:
-                if number and time.monotonic() > self._begun + 60.0 * self._options.minutes:
-                    return
+                names = sorted(self._parts())
+                if not names or (number and time.monotonic() > self._begun + 60.0 * self._options.minutes):
+                    return    # the rig could not be started again, or the time is over
                 name = ''
                 if kind in self.process_kinds:
-                    names = sorted(self._parts())
                     left = [one for one in next_victims.get(kind, []) if one in names] or self._random.sample(names, len(names))
                     name, *next_victims[kind] = left
                 yield kind, name
