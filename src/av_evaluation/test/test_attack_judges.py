@@ -138,6 +138,8 @@ def test_times_are_judged_by_what_the_machine_gave():
     for slow, late in ((1.0, 2), (busy, 0)):
         result = Result('kill', recovery=3.9, respawn=7.9, most_recovery=1.0, slowdown=slow)
         assert len(result.late) == len(verdicts([result], {})[IN_TIME]) == late
+    for recovery, late in ((4.9, 0), (5.1, 1)):
+        assert len(Result('stop', recovery=recovery, hearing=1.0, slowdown=busy).late) == late
 
 
 def test_run_times_are_those_of_the_system():
