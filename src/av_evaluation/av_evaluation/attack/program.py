@@ -275,6 +275,7 @@ class Attack:
 
     def _disabled(self, result: Result) -> None:
         """Pointing is disabled, and no message or datagram moves the rig, however genuine it looks."""
+        result.hearing = SOUND_S
         if not self._peer.call('enable', enabled=False):
             result.faults.append('pointing could not be disabled')
             return
