@@ -54,15 +54,21 @@ def test_another_tracker_is_given_the_same_data(run):
 
 
 def test_a_flying_rig_localises_sound_through_its_ego_rotors():
-    """The rotors are as loud as the drone, which fog hides at 7 s; a record of the rig alone makes the directions usable."""
-    scenario = load_scenario(find_config('ego_rotors', 'scenarios'))
+    """The rotors are as loud as the drone, which fog hides at 7 s; a record of the rig alone makes the directions usable.
+
+    In a third of all runs one window of a hundred is beyond 20 deg: the error of sound is that of three runs together.
+    """
+    scenario, squares = load_scenario(find_config('ego_rotors', 'scenarios')), []
     scenario = replace(scenario, weather=replace(scenario.weather, fog=Profile((0.0, 5.0, 7.0), (0.02, 0.02, 0.3))))
-    run = OfflineRun(scenario, load_rig(find_config('rig')), MultiTargetTracker(),
-                     pointing=PointingController(PointingSettings(move_gimbal=False)))
-    run.run(12.0)
-    senses = summarise(run.log).senses
-    assert senses['fused'].coverage == 1.0 and senses['fused'].rmse_deg < 1.0
-    assert senses['sound'].rmse_deg < 2.0 and senses['sight'].coverage < 0.6
+    for seed in (scenario.seed, 1, 2):
+        run = OfflineRun(replace(scenario, seed=seed), load_rig(find_config('rig')), MultiTargetTracker(),
+                         pointing=PointingController(PointingSettings(move_gimbal=False)))
+        run.run(12.0)
+        senses = summarise(run.log).senses
+        assert senses['fused'].coverage == 1.0 and senses['fused'].rmse_deg < 1.0
+        assert senses['sound'].median_deg < 0.5 and senses['sight'].coverage < 0.6
+        squares.append(senses['sound'].rmse_deg ** 2)
+    assert math.sqrt(sum(squares) / len(squares)) < 2.0
 
 
 @pytest.mark.parametrize('stabilized', [True, False])
