@@ -19,6 +19,7 @@ AGE_MEMORY = 0.05                  # share of a new age in the mean of the ages
 LONGEST_AGE_S = 1.5
 RATE_MEMORY_S = 0.6                # of the rates that give the target's acceleration
 LARGEST_ACCELERATION = math.radians(40.0)   # rad/s^2, of a target
+LEAST_FOLLOWED = 0.2               # share of the commanded turns; from a few degrees on, by the prior of `BodyMotion`
 
 
 class Aim(NamedTuple):
@@ -68,6 +69,14 @@ class BodyAxis:
     def velocity(self) -> float:
         """Commanded yaw rate (rad/s)."""
         return self._axis.velocity
+
+    @property
+    def problem(self) -> str:
+        """Why the body seems not to turn while it is commanded to; empty where it turns."""
+        if self.velocity == 0.0 or self.motion.following >= LEAST_FOLLOWED:
+            return ''
+        return (f'odometry shows {100.0 * self.motion.following:.0f} % of the commanded turns: the vehicle does not obey, or '
+                'the yaw of its odometry is frozen, and directions in the world are wrong')
 
     @property
     def delay(self) -> float:

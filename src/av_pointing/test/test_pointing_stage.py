@@ -145,3 +145,18 @@ def test_a_bearing_that_rests_on_an_older_measurement_than_the_one_before_is_as_
         rates.append(move(stage, message, time).yaw_rate)
         assert abs(rates[-1] - rates[-2]) <= stage.controller.settings.yaw.acceleration * 0.02 + 1e-6
         assert time < START + max(0.95 - back + 0.3, 0.97) + 0.15 or rates[-1] == 0.0
+
+
+def test_a_yaw_that_never_answers_the_commands_is_told():
+    """The body is commanded at 0.6 rad/s and more; odometry turns with it in one run, and stands still in the other."""
+    for turns in (True, False):
+        stage, yaw, command = make_stage(), 0.0, None
+        for k in range(60):
+            yaw += 0.05 * command.yaw_rate if command and turns else 0.0
+            pose, time = Odometry(), START + 0.05 * k
+            pose.header.stamp = to_stamp(time)
+            pose.pose.pose.orientation.w, pose.pose.pose.orientation.z = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+            stage.on_odometry(pose, at(time))
+            command = stage.on_bearing(bearing(time, 1.5), at(time))
+        assert command.yaw_rate > 0.2
+        assert ('frozen' in stage.controller.body.problem) == (not turns)

@@ -159,6 +159,8 @@ class PointingNode(RigNode):
         """What is known of the vehicle's answer and of the age of bearings."""
         body = self._stage.controller.body
         response = body.motion.response
+        if body.problem:
+            status.mergeSummary(DiagnosticStatus.WARN, body.problem)
         status.add('dead time of the body (s)', f'{response.dead_time:.2f}')
         status.add('lag of the body (s)', f'{response.lag:.2f}')
         status.add('uncertainty of both (s)', f'{response.uncertainty:.2f}')
