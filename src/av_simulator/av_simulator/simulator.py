@@ -131,7 +131,6 @@ class Simulator:
 
     LATE = 0.1         # s, delay from which a block counts as late
     MOST_LATE = 1.0    # s, delay after which the schedule is shifted, or what is missed left out where others share the world
-    LONGEST_AGO = 120.0    # s, since a beginning that can still be joined: a world takes a tenth of real time
 
     def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
@@ -150,7 +149,6 @@ class Simulator:
         self._sequence = 0
         self._lossy = np.random.default_rng([world.seed, 16])
         self._begin: float | None = None
-        self._joining = False
         self._beaten = -math.inf    # s, monotonic time of the newest heartbeat
 
     def stop(self) -> None:
@@ -171,13 +169,8 @@ class Simulator:
         Parameters:
             duration (s): simulated time.
             begin (s): Unix time of the start, None for now.
-
-        Raises ValueError for a beginning too long ago.
         """
         self._begin = begin
-        if begin is not None and self._clock.time() - begin > self.LONGEST_AGO:
-            raise ValueError(f'begin is {self._clock.time() - begin:.0f} s ago, expected {self.LONGEST_AGO:.0f} s at the most: '
-                             'start all rigs again')
         samples = self.world.sample_rate // self.options.block_rate
         beat(busy=True)
         for camera in self.world.rig.cameras if self.options.image_rate else ():
@@ -202,7 +195,8 @@ class Simulator:
         end = self.world.time
         if math.isnan(self._start):    # start after the first step, which is slower than the others
             self._start, self._start_ms = self._wait_for_begin()
-        if self._is_joining(end):
+        if self._begin is not None and self._lag(end) > self.MOST_LATE:
+            self._join()
             return
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
@@ -228,13 +222,12 @@ class Simulator:
         begin = now if self._begin is None else min(self._begin, now)
         return self._clock.monotonic() - (now - begin), int(1e3 * begin)
 
-    def _is_joining(self, moment: float) -> bool:
-        """Whether the simulated time `moment` (s) of a shared world is so long past that nothing of it is sent."""
-        lag, before = self._lag(moment), self._joining
-        self._joining = self._begin is not None and lag > (self.LATE if before else self.MOST_LATE)
-        if self._joining and not before:
-            log.warning('%.1f s behind the others in this world: nothing is sent until it has caught up', lag)
-        return self._joining
+    def _join(self) -> None:
+        """Go on at the present simulated time of a shared world, without the sound until then."""
+        log.warning('%.1f s behind the others in this world: skipped', self._lag(self.world.time))
+        while (lag := self._lag(self.world.time)) > 0.0 and not self._stopped:
+            self._beat()
+            self.world.skip(min(lag * self.options.speed, 1.0))
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """Times in (begin, end] and the functions to call at them, in order."""

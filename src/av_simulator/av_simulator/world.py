@@ -92,6 +92,13 @@ class World:
         self._samples += samples
         return self._sound.render(samples, microphones)
 
+    def skip(self, seconds: float) -> None:
+        """Let some time (s) pass without sound, rounded to whole intervals of INSTANT samples, one at least."""
+        samples = max(round(seconds * self.sample_rate / INSTANT), 1) * INSTANT
+        self.dynamics.step(self.time, (self._samples + samples) / self.sample_rate)
+        self._samples += samples
+        self._sound.skip(samples)
+
     def rig_state(self, time: float) -> VehicleState:
         """The rig's state at a time (s) within the newest step."""
         return self.dynamics.motion.state(time)

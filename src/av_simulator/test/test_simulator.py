@@ -4,7 +4,9 @@ Where time matters it is the test's own: it passes while the simulator sleeps, a
 """
 
 import dataclasses
+import multiprocessing
 import os
+import signal
 import socket
 import threading
 import time
@@ -37,7 +39,9 @@ from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import decode_truth, encode_truth
 from av_simulator.config_files import find_config
+from av_simulator.rendering import render_process
 from av_simulator.rendering.scenes import Field, Woodland
+from av_simulator.run import open_world
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.simulator import Simulator, WireOptions
 from av_simulator.sound import FormulaSignal, Noise
@@ -230,9 +234,37 @@ def test_who_begins_late_or_falls_behind_is_in_the_same_world(started, slow):
     assert second[0, 0] < max(started, 2.0) + 1.0 and not simulator.counts.resynchronised
 
 
-def test_a_beginning_long_ago_is_refused():
-    with pytest.raises(ValueError, match='begin is 130 s ago, expected 120 s at the most'):
-        truths(2.0, 132.0)
+def test_a_world_is_joined_an_hour_after_its_beginning():
+    """It is at once at the present simulated time: the target flies east at 4 m/s."""
+    sent, _ = truths(2.0, 3602.0, until=3603.0)
+    assert sent[0, 0] < 3603.0 and np.abs(sent[:, 2] - 4.0 * (sent[:, 0] - 2.0)).max() < 4.0 * 0.15
+
+
+def test_what_follows_a_skip_sounds_as_if_nothing_had_been_skipped():
+    """From 20 ms after it on: a drone with turning rotors above ground."""
+    whole, skipped = (open_world('circle') for _ in range(2))
+    expected = np.concatenate([whole.advance(1600) for _ in range(90)])
+    skipped.advance(1600)
+    skipped.skip(59 * 1600 / 48_000)
+    assert skipped.time == pytest.approx(2.0)
+    sound = np.concatenate([skipped.advance(1600) for _ in range(30)])
+    assert np.abs(sound - expected[60 * 1600:])[1024:].max() < 1e-3 * np.abs(expected).max()
+
+
+def test_a_camera_process_that_stands_still_ends_the_simulator(monkeypatch):
+    monkeypatch.setattr(render_process, 'HUNG', 1.0)
+    options = WireOptions(ports=free_ports(), renderer='flat')
+
+    def stop_the_camera(datagram, address):
+        if address[1] == options.ports.image:
+            for process in multiprocessing.active_children():
+                os.kill(process.pid, signal.SIGSTOP)
+
+    simulator = Simulator(World(SCENARIO, load_rig(find_config('rig'))), options, send=stop_the_camera)
+    with pytest.raises(TimeoutError, match='no image within 1 s'):
+        simulator.run(20.0)
+    simulator.close()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize('begin', [None, 1_700_000_003.0])

@@ -47,8 +47,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
                         help='scene: 3D scene; flat: flat shapes, cheaper; auto: scene if OpenGL is available')
     parser.add_argument('--speed', type=positive, default=1.0, help='factor of real time (default: %(default)s)')
-    parser.add_argument('--begin', type=float, help='Unix time of the start, so that several rigs share one world; one up to '
-                        'two minutes ago is joined')
+    parser.add_argument('--begin', type=float, help='Unix time of the start, so that several rigs share one world; one in the '
+                        'past is joined at the present')
     parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
                         help="position (m) and yaw of this rig, instead of the scenario's")
     # A launch file that runs this program as a node adds --ros-args, which is ignored.

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -20,6 +21,7 @@ from av_simulator.rendering.view import View
 
 MOST_WAITING = 2       # maximum number of requested views; more would only add delay
 PATIENCE = 60.0        # s, limit for the first image, which includes loading of libraries and compilation of shaders
+HUNG = 20.0            # s, limit for a further one: a scene on a core that thirty others share takes half of it
 FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
@@ -53,6 +55,7 @@ class RenderProcess:
 
     def __init__(self, factory: RendererFactory, kind: str, jpeg_quality: int, first: View, depth: bool = False) -> None:
         self._waiting, self._opened = 0, False
+        self._progress = time.monotonic()    # s, when the newest frame came, or was requested where none was outstanding
         context = multiprocessing.get_context('spawn')    # a fork would copy locks held by other threads
         self._connection, other = context.Pipe()
         self._process = context.Process(target=_work, args=(other, factory, kind, jpeg_quality, first, depth),
@@ -80,9 +83,13 @@ class RenderProcess:
         return self._waiting > 0
 
     def request(self, view: View) -> bool:
-        """Request a frame; False if MOST_WAITING frames are outstanding."""
+        """Request a frame; False if MOST_WAITING frames are outstanding. Raises TimeoutError once none came for HUNG."""
         if self._waiting >= MOST_WAITING:
+            if time.monotonic() - self._progress > HUNG:
+                raise TimeoutError(f'camera: no image within {HUNG:.0f} s')
             return False
+        if not self._waiting:
+            self._progress = time.monotonic()
         self._connection.send(view)
         self._waiting += 1
         return True
@@ -92,6 +99,7 @@ class RenderProcess:
         frames = []
         while self._waiting and self._connection.poll(timeout):
             frames.append(self._receive())
+            self._progress = time.monotonic()
             self._waiting -= 1
             timeout = 0.0
         return frames

@@ -48,6 +48,11 @@ class Propagation:
         self._frames: dict[int, Frame] = {}
         self._spread = 0
 
+    def restart(self) -> None:
+        """Render next a block that does not follow the one before."""
+        self._frames.clear()
+        self._maker.restart()
+
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
         """Pressure (Pa, (m, samples)) in one block.
 
@@ -94,10 +99,12 @@ class Propagation:
         """Compute the frames that start within a block, and discard those that ended before it."""
         length = self._maker.samples
         self._frames = {index: frame for index, frame in self._frames.items() if (index + 1) * length > start}
-        if start == 0:
+        first = -(-start // length)
+        if not self._frames:
+            first = start // length
             apart = np.linalg.norm(positions[0] - positions[0].mean(axis=0), axis=-1).max()
             self._spread = int(1.1 * apart / self._medium.speed_of_sound * self._rate) + 2
-        for index in range(-(-start // length), (start + samples - 1) // length + 1):
+        for index in range(first, (start + samples - 1) // length + 1):
             microphones = along_block(positions, start, samples, np.array([float(index * length)]))[:, 0]
             self._frames[index] = self._frame(index * length * self._ratio, microphones.mean(axis=0))
 

@@ -61,6 +61,11 @@ class SoundWorld:
         """Index of the first sample of the next call of `render`."""
         return self._next
 
+    def skip(self, n: int) -> None:
+        """Leave out the next `n` samples. What follows is as if they had been rendered, but for 20 ms and for reverberation."""
+        self._next += n
+        self._propagation.restart()
+
     def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
         """The next samples (n, m) of all microphones, float32, full scale 1. Raises ValueError for a wrong shape.
 
