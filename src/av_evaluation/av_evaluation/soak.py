@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 from av_bags.reader import Bag
 from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
 
-WINDOW_S = 60.0     # medians are taken over this much time
+WINDOW_S = 60.0     # medians and least counts are taken over this much time
 # Counters of the bridge that stay 0 on one machine.
 LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
 PAGE_S = 10.0       # between updates of a page that goes on, on a busy machine, too
@@ -78,9 +78,14 @@ class ProcessHistory:
         return float(np.median(values[times >= times[-1] - WINDOW_S]) - np.median(values[times <= times[0] + WINDOW_S]))
 
     def span(self, quantity: str, settle: float) -> tuple[int, int]:
-        """Smallest and largest value of a count after `settle` (s)."""
-        values = self.column(quantity)[self.settled(settle)]
-        return int(values.min()), int(values.max())
+        """Smallest and largest value of a count after `settle` (s), of the least in each minute.
+
+        A file that is open for a moment, such as that of the heartbeat, is none that stays open.
+        """
+        chosen = self.settled(settle)
+        minutes, values = (np.array(self.times)[chosen] // WINDOW_S).astype(int), self.column(quantity)[chosen]
+        least = [values[minutes == minute].min() for minute in np.unique(minutes)]
+        return int(min(least)), int(max(least))
 
     def faults(self, limits: Limits, end: float) -> list[str]:
         """What did not stay as it was; empty for a steady process.
