@@ -6,21 +6,21 @@ import math
 
 from av_common.track import Track
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.component import BodyDirection, GaussianComponent
 
 LEAST_LEVEL = 0.05  # cosine of an elevation; closer to the zenith the rate of the azimuth is bounded
 KNOWN_RANGE = 2.0  # inverse range over its standard deviation from which a range is published
 
 
-def placed(track: Track, component: GaussianComponent, motion: RigMotion) -> Track:
+def placed(track: Track, component: GaussianComponent, found: BodyDirection, motion: RigMotion) -> Track:
     """A track with the direction, rates and range of a component at the track's time.
 
     Parameters:
         track: all but these.
         component: the component at that time.
+        found: its direction in the body.
         motion: attitude and path of the rig.
     """
-    found = component.in_body(motion.attitude(track.time))
     across_rate, up_rate = component.rates(motion.velocity(track.time))
     (hh, hv), (_, vv) = component.covariance[:2, :2].tolist()
     inverse, variance = component.inverse_range, float(component.covariance[4, 4])

@@ -11,7 +11,7 @@ from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.camera_looks import CameraLooks
-from av_fusion.disambiguation.rotation import RotationPlanner, RotationSettings, Tilt
+from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, RotationSettings, Tilt, View
 from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
@@ -87,7 +87,7 @@ class MultiTargetTracker:
                                                 self.settings.filter.sound_floor_sigma, self.motion)
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
         self._targets = Targets(0.0)
-        self._visibility = math.nan
+        self._visibility, self._view = math.nan, NO_CAMERA  # of the newest image
         self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
 
     @property
@@ -104,7 +104,7 @@ class MultiTargetTracker:
         if self.settings.gimbal:
             self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell)
         self._targets = Targets(0.0)
-        self._visibility = math.nan
+        self._visibility, self._view = math.nan, NO_CAMERA
         self._mirror_axis = None
 
     def add_pose(self, pose: Pose) -> None:
@@ -141,6 +141,8 @@ class MultiTargetTracker:
         time = usable.time - self.settings.sight_delay
         self._reset_after_gap(time)
         self._visibility = usable.visibility
+        known = usable.visibility if math.isfinite(usable.visibility) else 0.0
+        self._view = View(math.atan2(usable.view[1][0], usable.view[0][0]), usable.half_view, known)
         # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         self._calibration.see(time, usable.best if len(seen) < 2 else None)
@@ -243,8 +245,9 @@ class MultiTargetTracker:
         later, attitude = track.later(time), self.motion.attitude(time)
         if later[primary].across_variance >= self.settings.filter.lost_sigma**2:
             return None
-        front = (sum([one.weight * one.front_share(attitude) for one in later.values()])
-                 / sum([one.weight for one in later.values()]))
+        found = {component: one.in_body(attitude) for component, one in later.items()}
+        front = (sum([component.weight * one.front_share for component, one in found.items()])
+                 / sum([component.weight for component in found]))
         track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, attitude)
         machine = self.settings.machine
         seen = time - primary.newest_sighting <= machine.sight_timeout
@@ -253,7 +256,7 @@ class MultiTargetTracker:
         state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
         shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
                              resolved=track.ambiguity.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
-                             sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], self.motion)
+                             sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], found[primary], self.motion)
         return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
                       track.identity, track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
 
@@ -266,7 +269,7 @@ class MultiTargetTracker:
         yaw = self.motion.yaw(time)
         tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
         return self.planner.plan(time, yaw, lambda: [track.ambiguity.candidates(track.mixture, yaw, tilt.axis)
-                                                     for track in unresolved], tilt, self._visibility)
+                                                     for track in unresolved], tilt, self._view)
 
     def _plan_look(self, time: float, state: State, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
         """Where a look decides most about the tracks that are not resolved, or else finds the followed or the next one."""

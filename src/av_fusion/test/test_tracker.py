@@ -10,7 +10,7 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_common.track import Source, State
-from av_fusion.disambiguation.rotation import ASKED_S, Candidate, RotationPlanner, RotationSettings, Tilt
+from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, RotationSettings, Tilt
 from av_fusion.gated.tracker import GatedTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
@@ -288,7 +288,7 @@ def test_a_rotation_that_is_asked_for_is_requested_until_it_has_resolved_front_a
 def test_a_rotation_that_is_asked_for_ends_by_itself():
     planner = RotationPlanner(RotationSettings(patience=60.0))
     pair = [Candidate(azimuth, 0.01, 0.0, 0.01, 0.5) for azimuth in (0.6, math.pi - 0.6)]
-    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], Tilt((0.0, 1.0, 0.0)), 0.0)  # noqa: E731
+    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], Tilt((0.0, 1.0, 0.0)), NO_CAMERA)  # noqa: E731
     assert plan(10.0) == 0.0
     planner.ask(10.1)
     assert plan(10.2) != 0.0 and plan(10.1 + ASKED_S - 0.1) != 0.0

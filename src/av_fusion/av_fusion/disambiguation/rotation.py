@@ -41,7 +41,6 @@ class RotationSettings:
         fixed (rad): non-zero requests this rotation always, as in the publication.
         broadside_sigma (rad): error of a direction of arrival at broadside.
         window (s): length of the analysis window of this error.
-        half_view (rad): half of the camera's field of view.
         needed_odds: odds between both directions that resolve the ambiguity.
     """
 
@@ -52,7 +51,6 @@ class RotationSettings:
     fixed: float = 0.0
     broadside_sigma: float = math.radians(2.0)
     window: float = 0.5
-    half_view: float = math.radians(35.0)
     needed_odds: float = 19.0
 
 
@@ -107,6 +105,23 @@ class Tilt(NamedTuple):
                 + (1.0 - np.cos(angle)) * (about @ axis) * about)
 
 
+class View(NamedTuple):
+    """What a camera on the body can see.
+
+    Parameters:
+        azimuth (rad): of its axis, from the rig's heading.
+        half_view (rad): half of its field of view.
+        visibility: 0..1; 0 while unknown.
+    """
+
+    azimuth: float
+    half_view: float
+    visibility: float
+
+
+NO_CAMERA = View(0.0, 0.0, 0.0)
+
+
 class RotationPlanner:
     """Requests a rotation while the ambiguity persists and a rotation helps to resolve it.
 
@@ -148,7 +163,7 @@ class RotationPlanner:
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
-             visibility: float) -> float:
+             view: View) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
         Parameters:
@@ -156,7 +171,7 @@ class RotationPlanner:
             yaw (rad): yaw of the rig in the world.
             find_candidates: returns the possible directions of each target; it is called every REPLAN_S only.
             tilt: the axis between the mirror images, and how the rig tilts.
-            visibility: visibility 0..1, NaN if unknown.
+            view: of the camera.
         """
         settings, asked = self.settings, self.is_asked(time)
         replan = not abs(time - self._planned) < REPLAN_S
@@ -181,8 +196,7 @@ class RotationPlanner:
             return 0.0
         if replan or self._direction not in left:
             turns = [*(direction * room for direction, room in left.items()), 0.0]
-            known = visibility if math.isfinite(visibility) else 0.0
-            *expected, waiting = joint_times(turns, self._pairs, tilt, known, settings).tolist()
+            *expected, waiting = joint_times(turns, self._pairs, tilt, view, settings).tolist()
             if tilt.continues and waiting <= min(expected) and not asked:
                 self._direction = 0.0
                 return 0.0
@@ -203,7 +217,7 @@ class RotationPlanner:
         return 0.0
 
 
-def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, visibility: float,
+def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, view: View,
                 settings: RotationSettings) -> NDArray[np.float64]:
     """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
 
@@ -211,14 +225,14 @@ def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], ti
     number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
 
     Parameters:
-        turns (n,) (rad), tilt, visibility, settings: see `expected_times`.
+        turns (n,) (rad), tilt, view, settings: see `expected_times`.
         pairs: both candidates of each target, whose weights sum to its probability of existence.
     """
-    times = [expected_times(turns, first, second, tilt, visibility, settings) for first, second in pairs]
+    times = [expected_times(turns, first, second, tilt, view, settings) for first, second in pairs]
     return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
-def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, visibility: float,
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, view: View,
                    settings: RotationSettings) -> NDArray[np.float64]:
     """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
 
@@ -233,7 +247,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
         turns (n,) (rad): rotations, counter-clockwise.
         first, second: the candidates.
         tilt: the array's axis, and how the rig tilts.
-        visibility: visibility 0..1.
+        view: of the camera.
         settings: see `RotationSettings`.
     """
     candidates = (first, second)
@@ -252,8 +266,8 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2 + tilted
              + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
-    in_view = (np.cos(course) > math.cos(settings.half_view)).any(axis=1, keepdims=True)
-    information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
+    in_view = (np.cos(course - view.azimuth) > math.cos(view.half_view)).any(axis=1, keepdims=True)
+    information = acoustic + SIGHT_NATS * view.visibility * np.logical_or.accumulate(in_view, axis=-1)
     needed = math.log(settings.needed_odds) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Targets, Track
-from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings, Tilt
+from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner, RotationSettings, Tilt
 from av_fusion.gated.single_target import SingleTarget
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
@@ -219,7 +219,7 @@ class GatedTracker:
             self.planner.cancel()
             return True, 0.0
         return False, self.planner.plan(time, yaw, lambda: [target.candidates],
-                                        Tilt((math.cos(target.axis), math.sin(target.axis), 0.0)), target.visibility)
+                                        Tilt((math.cos(target.axis), math.sin(target.axis), 0.0)), NO_CAMERA)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""

@@ -40,6 +40,12 @@ class BodyDirection(NamedTuple):
     azimuth_variance: float
     elevation_variance: float
 
+    @property
+    def front_share(self) -> float:
+        """Probability that the azimuth is within 90 degrees."""
+        scale = math.sqrt(2.0 * max(self.azimuth_variance, 1e-12))
+        return 0.5 * (math.erf((0.5 * math.pi - self.azimuth) / scale) + math.erf((0.5 * math.pi + self.azimuth) / scale))
+
 
 @dataclass(eq=False, slots=True)
 class GaussianComponent:
@@ -313,12 +319,6 @@ class GaussianComponent:
         level = max(math.cos(elevation) ** 2, 1e-9)
         return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
                              variances[1])
-
-    def front_share(self, attitude: Rows) -> float:
-        """Probability that the azimuth in the body is within 90 degrees, at an attitude of the body in the world."""
-        found = self.in_body(attitude)
-        scale = math.sqrt(2.0 * max(found.azimuth_variance, 1e-12))
-        return 0.5 * (math.erf((0.5 * math.pi - found.azimuth) / scale) + math.erf((0.5 * math.pi + found.azimuth) / scale))
 
     def predict_hidden(self, time: float, visibility: float, is_known: bool) -> None:
         """Predict the probability that the target is hidden to the time of an image.
