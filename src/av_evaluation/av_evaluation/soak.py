@@ -83,7 +83,8 @@ class ProcessHistory:
         A file that is open for a moment, such as that of the heartbeat, is none that stays open.
         """
         chosen = self.settled(settle)
-        minutes, values = (np.array(self.times)[chosen] // WINDOW_S).astype(int), self.column(quantity)[chosen]
+        elapsed, values = np.array(self.times)[chosen] - np.array(self.times)[chosen][0], self.column(quantity)[chosen]
+        minutes = np.minimum(elapsed // WINDOW_S, max(elapsed[-1] // WINDOW_S - 1.0, 0.0))  # of 60 to 120 s the last
         least = [values[minutes == minute].min() for minute in np.unique(minutes)]
         return int(min(least)), int(max(least))
 
