@@ -34,7 +34,9 @@ class Correlation(SteeredResponse):
                  weighting: Weighting) -> None:
         super().__init__(array, frequencies, speed_of_sound, CLUSTER_HZ)
         self._weighting = weighting
-        self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
+        first, second = array.positions[self._baselines.pairs.T]
+        distances = np.linalg.norm(first - second, axis=1)
+        self._band = Band.of(frequencies, response, distances, speed_of_sound)
         self._drift = DriftEstimator(array, frequencies, speed_of_sound)
 
     def estimate(self, spectra: NDArray) -> Peak:
@@ -50,7 +52,7 @@ class Correlation(SteeredResponse):
             weighting: gives the weights.
         """
         cross, power = self._cross(spectra)
-        return self.highest_peak(spectra, cross * weighting(cross, power, self._band))
+        return self.highest_peak(spectra, self._baselines.sum(cross * weighting(cross, power, self._band)))
 
     def at_rest(self, spectra: NDArray) -> tuple[Peak, Drift | None]:
         """The highest peak of the whole window, and the motion within it; None where there is no model of it.
@@ -60,14 +62,14 @@ class Correlation(SteeredResponse):
         """
         cross, power = self._cross(spectra)
         weights = self._weighting(cross, power, self._band)
-        peak = self.highest_peak(spectra, cross * weights)
+        peak = self.highest_peak(spectra, self._baselines.sum(cross * weights))
         if not self._drift.usable or peak.significance <= 0.0:
             return peak, None
         return peak, self._drift.estimate(spectra, weights, peak.q)
 
     def _cross(self, spectra: NDArray) -> tuple[NDArray, NDArray]:
         """Cross-spectra (p, k) and sqrt(P_i P_j) of the same pairs."""
-        pairs, magnitude = self._array.pairs, np.abs(spectra)
+        pairs, magnitude = self._baselines.pairs, np.abs(spectra)
         return cross_spectra(spectra, pairs), magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.baselines import Baselines
 from av_audio.blocks import Blocks
 from av_common.microphone_array import MicrophoneArray
 
@@ -108,8 +109,8 @@ class DriftEstimator:
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
         self._blocks = Blocks(frequencies, BLOCK_S)
-        self._pairs = array.pairs
-        self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
+        self._baselines = Baselines(array)
+        self._slowness = self._baselines.vectors @ array.basis / speed_of_sound  # (u, rank): tau = slowness . q
         self._rate_of_delays = np.linalg.pinv(self._slowness)
         times = self._blocks.times
         self._powers = np.stack([np.ones_like(times), times, 0.5 * times**2])  # (3, b): of q0, v and a
@@ -133,7 +134,7 @@ class DriftEstimator:
 
         Parameters:
             spectra (m, k): spectra of the window.
-            weights (p, k): weights of its cross-spectra.
+            weights (p, k): weights of its cross-spectra, in the order of `Baselines.pairs`.
             q (rank,): direction of the whole window.
         """
         rank = len(q)
@@ -152,13 +153,14 @@ class DriftEstimator:
         return self._posterior(rest, fit, expected)
 
     def _cross_spectra(self, spectra: NDArray, weights: NDArray, q: NDArray) -> NDArray:
-        """Weighted cross-spectra (p, b, c) of the blocks, steered to q and summed over clusters of bins."""
+        """Weighted cross-spectra (u, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
         mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
         blocks = self._blocks.spectra(self._blocks.signals(spectra * np.sqrt(mean)))[..., :len(self._omega)]  # (m, b, used)
-        cross = blocks[self._pairs[:, 0]] * blocks[self._pairs[:, 1]].conj()
+        first, second = self._baselines.pairs.T
+        cross = self._baselines.sum(blocks[first] * blocks[second].conj() * (weights / mean)[:, None, self._nearest])
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
-        cross *= ((weights / mean)[:, self._nearest] * (np.cos(angles) - 1j * np.sin(angles)))[:, None]
+        cross *= (np.cos(angles) - 1j * np.sin(angles))[:, None]
         return sum(cross[..., k::self._width] for k in range(1, self._width)) + cross[..., ::self._width]
 
     def _start(self, cross: NDArray, q: NDArray) -> NDArray:
@@ -177,9 +179,9 @@ class DriftEstimator:
     def _fit(self, cross: NDArray, motion: NDArray) -> Fit:
         angles = (self._slowness @ motion.T @ self._powers).astype(np.float32)[..., None] * self._cluster_omega
         steered = cross * (np.cos(angles) - 1j * np.sin(angles))
-        second = steered.real @ self._cluster_omega**2  # (p, b)
-        first = self._powers @ (steered.imag * self._cluster_omega)  # (p, 3, c)
-        moments = (self._powers[:, None] * self._powers) @ second.T  # (3, 3, p)
+        second = steered.real @ self._cluster_omega**2  # (u, b)
+        first = self._powers @ (steered.imag * self._cluster_omega)  # (u, 3, c)
+        moments = (self._powers[:, None] * self._powers) @ second.T  # (3, 3, u)
         hessian = np.einsum('pr,nmp,ps->nrms', self._slowness, moments, self._slowness).reshape(motion.size, motion.size)
         scores = np.einsum('pr,pnc->nrc', self._slowness, first).reshape(motion.size, -1)
         clusters = steered.sum(axis=(0, 1))
@@ -232,6 +234,8 @@ def square_speed(q: NDArray, rate: NDArray) -> float:
 
 def is_positive(matrix: NDArray) -> bool:
     """Whether a symmetric matrix is positive definite."""
-    if len(matrix) == 1:
-        return bool(matrix[0, 0] > 0.0)
-    return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

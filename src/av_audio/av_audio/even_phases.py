@@ -50,10 +50,9 @@ class EvenPhases(SteeredResponse):
         """The highest peak for spectra (m, k)."""
         power = np.mean(np.abs(spectra) ** 2, axis=0)
         white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
-        whole = self._phases(white[:, None, :self._grouped])
-        parts = [whole.reshape(len(whole), -1, self._group).sum(axis=-1)]
+        whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
         signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
-        parts += [self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks]
+        parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
         return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
@@ -61,8 +60,10 @@ class EvenPhases(SteeredResponse):
         return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
 
     def _phases(self, blocks: NDArray) -> NDArray:
-        """Normalised cross-spectra (p, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""
-        pairs = self._array.pairs
-        cross = blocks[pairs[:, 0]] * blocks[pairs[:, 1]].conj()
-        cross /= np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
-        return cross.mean(axis=1) / (len(pairs) * cross.shape[-1] * (1 + len(self._blocks)))
+        """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""
+        unit = blocks / np.maximum(np.abs(blocks), np.finfo(np.float32).tiny)
+        by_bin = np.ascontiguousarray(unit.transpose(2, 0, 1))
+        products = by_bin @ by_bin.conj().swapaxes(1, 2)  # (j, m, m)
+        first, second = self._baselines.pairs.T
+        cross = self._baselines.sum(np.ascontiguousarray(products[:, first, second].T))
+        return cross / (blocks[0].size * len(first) * (1 + len(self._blocks)))

@@ -58,6 +58,7 @@ class FurtherSources(SteeredResponse):
         self._group = max(1, round(GROUP_HZ / float(frequencies[1] - frequencies[0])))
         self._used = len(frequencies) // self._group * self._group
         super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
+        self._least_height = LEAST_COHERENCE * self._used * len(self._baselines.pairs)
         self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
         self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
@@ -94,7 +95,7 @@ class FurtherSources(SteeredResponse):
         found, peaks = [strongest], list[Peak]()
         while len(found) < most:
             peak = self._beside(phases, found)
-            if peak is None or not self._is_source(peak, phases.size):
+            if peak is None or not self._is_source(peak):
                 break
             found.append(peak.q)
             refined = [self._again(phases, found, k) for k in range(len(found))]
@@ -123,7 +124,7 @@ class FurtherSources(SteeredResponse):
         """Logarithms (q,) of the likelihoods of phases that stem from two directions or from noise, which has any phase.
 
         Parameters:
-            phases (p, j, n): unit phases of the cross-spectra.
+            phases (1, n, j): unit phases of the cross-spectra.
             first (rank,): one direction.
             places (q, rank): the other, of each likelihood.
         """
@@ -131,26 +132,25 @@ class FurtherSources(SteeredResponse):
         return np.array([self._log_mixture(np.stack([*known, self._density(phases, place)])) for place in places])
 
     def _density(self, phases: NDArray, q: NDArray) -> NDArray:
-        """Probability density (j, n) of phases (p, j, n) of a source at q (rank,), relative to that of any phase."""
-        steering = np.exp(-1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None]
-        return np.exp((CONCENTRATION * (phases * steering).real - LOG_NORMAL).mean(axis=0))
+        """Probability density (n, j) of phases (1, n, j) of a source at q (rank,), relative to that of any phase."""
+        steering = np.exp(-1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)
+        return np.exp(CONCENTRATION * (phases * steering[:, None]).real[0] - LOG_NORMAL)
 
     def _log_mixture(self, density: NDArray) -> float:
-        """Logarithm of the likelihood of a mixture of densities (3, j, n), whose shares in each cluster are estimated."""
+        """Logarithm of the likelihood of a mixture of densities (3, n, j), whose shares in each cluster are estimated."""
         sizes = self._cluster_sizes * self._group
         shares = np.full((len(density), len(sizes)), 1.0 / len(density))
         for step in range(SHARE_STEPS):
             of_groups = np.repeat(shares, self._cluster_sizes, axis=1)
-            total = np.einsum('sj,sjn->jn', of_groups, density)
+            total = np.einsum('sj,snj->nj', of_groups, density)
             if step < SHARE_STEPS - 1:
-                expected = of_groups * np.einsum('sjn,jn->sj', density, 1.0 / total)
+                expected = of_groups * np.einsum('snj,nj->sj', density, 1.0 / total)
                 shares = np.add.reduceat(expected, self._clusters, axis=1) / sizes
         return float(np.log(total).sum())
 
-    @staticmethod
-    def _is_source(peak: Peak, bins: int) -> bool:
+    def _is_source(self, peak: Peak) -> bool:
         return (peak.significance >= LEAST_SIGNIFICANCE and peak.main_share >= LEAST_SHARE
-                and peak.height >= LEAST_COHERENCE * bins)
+                and peak.height >= self._least_height)
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
@@ -172,35 +172,35 @@ class FurtherSources(SteeredResponse):
         return peak
 
     def _phases(self, spectra: NDArray) -> NDArray:
-        """Unit phases (p, j, n) of the cross-spectra of spectra (m, k), in j groups of n bins."""
-        pairs = self._array.pairs
-        cross = cross_spectra(spectra, pairs)
-        cross = cross[:, :self._used].reshape(len(pairs), -1, self._group)
-        return cross / np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
+        """Sums (u, n, j) of the unit phases of the cross-spectra of spectra (m, k) by baseline, in j groups of n bins."""
+        unit = spectra[:, :self._used] / np.maximum(np.abs(spectra[:, :self._used]), np.finfo(np.float32).tiny)
+        unit = np.ascontiguousarray(unit.reshape(len(spectra), -1, self._group).swapaxes(1, 2))
+        return self._baselines.sum(cross_spectra(unit, self._baselines.pairs))
 
     def _without(self, phases: NDArray, found: Sequence[NDArray]) -> NDArray:
-        """Sum (p, j) of the phases (p, j, n) of bins that agree with none of the directions found.
+        """Sum (u, j) of the phases (u, n, j) of bins that agree with none of the directions found.
 
         Of noise, whose phases are uniform, a pair has left the mean -sin(a) / (pi - n a) exp(j w tau) for each of n directions,
         a being half of the width that is removed: it is added. In noise the phases of several pairs hardly ever agree; but more
         is left of a source where it is weak: that is measured in bands and removed.
         """
-        steering = [np.exp(1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None] for q in found]
-        agreement = [(phases * one.conj()).real.mean(axis=0) for one in steering]
+        pairs = len(self._baselines.pairs)
+        steering = [np.exp(1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega) for q in found]
+        agreement = [(phases * one.conj()[:, None]).real.sum(axis=0) / pairs for one in steering]
         kept = (phases[0] != 0.0) & np.all(np.less(agreement, np.cos(AGREES_RAD)), axis=0)
-        others, count = np.where(kept, phases, 0.0).sum(axis=-1), kept.sum(axis=-1)
+        others, count = (phases * kept).sum(axis=1), kept.sum(axis=0)
         for one in steering:
-            if len(phases) == 1:
+            if pairs == 1:
                 share = np.full(len(count), -np.sin(AGREES_RAD) / (np.pi - AGREES_RAD * len(found)))
             else:
-                left = np.add.reduceat((others * one[..., 0].conj()).real.mean(axis=0), self._clusters)
+                left = np.add.reduceat((others * one.conj()).real.sum(axis=0) / pairs, self._clusters)
                 left /= np.maximum(np.add.reduceat(count, self._clusters), 1)
                 share = np.repeat(np.maximum(left, 0.0), self._cluster_sizes)
-            others = others - (share * count).astype(np.float32) * one[..., 0]
+            others = others - self._baselines.counts[:, None] * (share * count).astype(np.float32) * one
         return others
 
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:
-        """The highest peak of phases (p, j, n) at a distance from the directions found, after removing theirs.
+        """The highest peak of phases (u, n, j) at a distance from the directions found, after removing theirs.
 
         None without a peak, and for one that is too low for a source.
         """
@@ -208,7 +208,7 @@ class FurtherSources(SteeredResponse):
         curve = self.curve(weighted)
         free = self._are_apart(found)
         tops = free & (curve >= curve[self._neighbours].max(axis=1))    # a slope of those found is none
-        if MAXIMUM_OVER_GRID * curve[tops].max(initial=0.0) < LEAST_COHERENCE * phases.size:
+        if MAXIMUM_OVER_GRID * curve[tops].max(initial=0.0) < self._least_height:
             return None
         curve = np.where(free, curve, 0.0)
         return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, 0.0)), curve)

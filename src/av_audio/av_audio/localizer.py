@@ -229,9 +229,9 @@ class Localizer:
         q, slope = undo_delay_curve(self.array, peak.q)
         bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
         covariance = slope**2 * (peak.covariance + bias)
-        angles, variances = to_directions(self.array, q, slope**2 * peak.covariance)
-        if bias.any():  # the angle remains: the direction in which reflections shift it is unknown
-            variances = to_directions(self.array, q, covariance).variances
+        angles, variances = to_directions(self.array, q, covariance)
+        if self.array.rank == 1 and bias.any():  # the mean angle does not count them: where reflections shift it is unknown
+            angles = to_directions(self.array, q, slope**2 * peak.covariance).angles
         kept = within_elevations(self.array, angles, self._elevations)
         count = int(kept.sum())
         cosine, cosine_variance = np.nan, np.nan

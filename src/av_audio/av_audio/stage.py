@@ -15,7 +15,6 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.health import ChannelFault, ChannelHealth
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
-from av_audio.stream_gate import StreamGate
 from av_audio.wind import WindMeter
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -56,14 +55,8 @@ class DoaStage:
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
-        self._gate = StreamGate()
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
-
-    @property
-    def foreign(self) -> int:
-        """Number of frames that did not belong to the stream that is heard."""
-        return self._gate.refused
 
     @property
     def faults(self) -> list[ChannelFault]:
@@ -99,7 +92,6 @@ class DoaStage:
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
-        self._gate.forget()
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
         """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
@@ -112,15 +104,13 @@ class DoaStage:
         """Directions for every window that a frame completes.
 
         Parameters:
-            frame: the block of samples that follows the one before; a gap restarts the window, and another stream is ignored.
+            frame: the block of samples that follows the one before; a gap or a step back restarts the window.
             arrival (s): time of its arrival. Not used: results are stamped by the capture time of the frame.
 
         Raises ValueError when the frame contradicts itself or does not fit the array or the settings; unfinished windows
-        are then discarded, unless it does not belong to the stream that is heard.
+        are then discarded.
         """
         begin = to_seconds(frame.header.stamp)
-        if not self._gate.admit(frame, len(frame.samples) // max(frame.channels, 1), begin):
-            return []
         try:
             estimates = self._estimates(frame)
         except ValueError:

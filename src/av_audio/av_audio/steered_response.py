@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
+from av_audio.baselines import Baselines
 from av_audio.drift import is_positive
 from av_common.microphone_array import MicrophoneArray
 
@@ -69,36 +71,31 @@ class SteeredResponse:
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float, cluster_hz: float) -> None:
-        self._array = array
+        self._array, self._baselines = array, Baselines(array)
         self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
-        self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
+        self._slowness = self._baselines.vectors @ array.basis / speed_of_sound  # (u, rank): tau = slowness . q
         self._clusters = np.unique(np.searchsorted(frequencies, np.arange(frequencies[0], frequencies[-1], cluster_hz)))
         step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
         reach = MARGIN * array.aperture / speed_of_sound
         delays = np.linspace(0.0, reach, int(np.ceil(reach / step)) + 1)
-        self._delays = np.concatenate([-delays[:0:-1], delays])
         # for delays >= 0: those of negative delays differ in the sign of the sines only
         angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self.grid = direction_grid(array.rank, array.aperture / speed_of_sound / step)
-        self._grid_delays = self.grid @ self._slowness.T  # (g, p)
+        self._to_grid = _interpolation(self.grid @ self._slowness.T, reach, 2 * len(delays) - 1)
 
     def highest_peak(self, spectra: NDArray, weighted: NDArray) -> Peak:
-        """The highest peak of weighted cross-spectra (p, k), which stem from spectra (m, k)."""
+        """The highest peak of weighted cross-spectra (u, k) by baseline, which stem from spectra (m, k)."""
         curve = self.curve(weighted)
         return self._peak(weighted, self._search(spectra, weighted, curve), curve)
 
     def curve(self, weighted: NDArray) -> NDArray:
-        """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
+        """J on the grid of directions (g,) for weighted cross-spectra (u, k)."""
         even, odd = weighted.real @ self._cosines.T, weighted.imag @ self._sines.T
-        by_delay = np.concatenate([(even - odd)[:, :0:-1], even + odd], axis=1)  # (p, delays)
-        if self._array.channels == 2:
-            return np.interp(self._grid_delays[:, 0], self._delays, by_delay[0])
-        return sum(np.interp(delays, self._delays, response)
-                   for delays, response in zip(self._grid_delays.T, by_delay, strict=True))
+        return self._to_grid @ np.concatenate([(even - odd)[:, :0:-1], even + odd], axis=1).ravel()
 
     def _steer(self, weighted: NDArray, q: NDArray) -> NDArray:
-        """Weighted cross-spectra (p, k) with the phases of the delays of q removed: real where they agree with q."""
+        """Weighted cross-spectra (u, k) with the phases of the delays of q removed: real where they agree with q."""
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
         return weighted * (np.cos(angles) - 1j * np.sin(angles))
 
@@ -107,7 +104,7 @@ class SteeredResponse:
 
         Parameters:
             spectra (m, k): spectra of the window.
-            weighted (p, k): weighted cross-spectra.
+            weighted (u, k): weighted cross-spectra.
             curve (g,): J on the grid of directions.
         """
         start = q = self.grid[np.argmax(curve)]
@@ -174,6 +171,23 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
         return main / (main + others) if main > 0.0 else 1.0
+
+
+def _interpolation(delays: NDArray, reach: float, count: int) -> csr_array:
+    """Matrix (g, u count) that interpolates values at `count` even delays of each baseline and adds those of all baselines.
+
+    Parameters:
+        delays (g, u) (s): delay of each baseline for each direction; beyond both ends the value there counts.
+        reach (s): the largest of the even delays, from -reach on.
+        count: their number.
+    """
+    directions, baselines = delays.shape
+    place = np.clip((delays / reach + 1.0) * 0.5 * (count - 1), 0.0, count - 1.0)
+    below = np.minimum(place.astype(int), count - 2)
+    columns = np.stack([below, below + 1], axis=-1) + count * np.arange(baselines)[:, None]
+    weights = np.stack([below + 1.0 - place, place - below], axis=-1).astype(np.float32)
+    return csr_array((weights.ravel(), columns.ravel(), 2 * baselines * np.arange(directions + 1)),
+                     shape=(directions, baselines * count))
 
 
 def with_other_lobes(q: NDArray, covariance: NDArray, grid: NDArray, weights: NDArray) -> tuple[NDArray, float]:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-# Widths of the running means over frequency in Hz: of the signal's power, of the coherence, and of the noise, which is
-# smooth. Narrower means follow the spectral lines of a rotor, but have a larger random error.
+# Widths of the running means over frequency in Hz: of powers and coherence, and of the noise, which is smooth. Narrower means
+# follow the spectral lines of a rotor, but have a larger random error.
 LINE_HZ = 40.0
-COHERENCE_HZ = 40.0
 NOISE_HZ = 260.0
 # Smallest incoherent share of the power: no outdoor sound is more coherent between two microphones.
 MISMATCH = 0.002
@@ -104,27 +103,25 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
         power (p, k): sqrt(P_i P_j) of the same pairs.
         band: properties of the bins.
     """
-    noise = noise_power(cross, power, band.bin_hz)
-    source = np.maximum(_smooth(power, LINE_HZ / band.bin_hz) - noise, 0.05 * noise)
+    smooth, noise = smooth_and_noise(cross, power, band.bin_hz)
+    source = np.maximum(smooth - noise, 0.05 * noise)
     disturbed = noise + np.minimum((REFLECTED + DIFFUSE * band.diffuse) * source, MAX_REFLECTED * noise)
     strength = np.square(np.square(np.minimum(source / (WEAK * noise), 100.0)))
     passed = 1.0 - (1.0 - band.response) / (1.0 + strength)
     return passed * source / (disturbed * (2.0 * source + disturbed))
 
 
-def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
-    """Incoherent power (p, k) between the microphones of each pair; parameters as for `maximum_likelihood`.
+def smooth_and_noise(cross: NDArray, power: NDArray, bin_hz: float) -> tuple[NDArray, NDArray]:
+    """Running mean of the power (p, k), and incoherent power (p, k) between the microphones of each pair.
 
     Parameters:
         cross (p, k): cross-spectra of the pairs.
         power (p, k): sqrt(P_i P_j) of the same pairs.
         bin_hz (Hz): distance of the bins.
     """
-    smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
-    coherent = np.sqrt(real**2 + imaginary**2)
-    noise = _smooth(np.maximum(smooth_power - coherent, MISMATCH * smooth_power), NOISE_HZ / bin_hz)
-    floor = 1e-9 * power.mean(axis=-1, keepdims=True) + np.finfo(power.dtype).tiny
-    return np.maximum(noise, floor)
+    smooth, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), LINE_HZ / bin_hz)
+    noise = _smooth(np.maximum(smooth - np.sqrt(real**2 + imaginary**2), MISMATCH * smooth), NOISE_HZ / bin_hz)
+    return smooth, np.maximum(noise, 1e-9 * power.mean(axis=-1, keepdims=True) + np.finfo(power.dtype).tiny)
 
 
 def _smooth(values: NDArray, bins: float) -> NDArray:

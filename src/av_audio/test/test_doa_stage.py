@@ -1,7 +1,6 @@
 """The stage that node, replay and experiments share, on message objects."""
 
 from array import array
-from random import Random
 from types import SimpleNamespace
 
 import numpy as np
@@ -82,42 +81,13 @@ def test_frames_that_do_not_fit_are_refused(changes, words):
     with pytest.raises(ValueError, match=words):
         stage.on_audio(bad, 0.0)
     assert len(feed(stage, samples)) == 2
-    stage.on_audio(bad, 0.0)    # beside a stream that can be used it is another one
-    assert len(feed(stage, samples, first_sample=len(samples), stamp=100.6)) == 6 and stage.foreign == 1
 
 
-def test_a_source_of_another_format_is_reported_when_it_takes_over():
+def test_a_source_of_another_format_is_reported():
     stage, samples = DoaStage(PAIR), sound(1.0)
     feed(stage, samples)
     with pytest.raises(ValueError, match='1 channels'):
         feed(stage, samples[:, :1], stamp=200.0)
-
-
-def foreign_frames(samples, random, step):
-    """Frames that another source may send beside the frame of a step of the genuine stream."""
-    made = next(frames(samples[:BLOCK]))
-    choice = step % 4
-    made.header.stamp = to_stamp(100.0 + step * BLOCK / RATE + (random.uniform(-0.1, 0.1) if choice < 3 else 0.02))
-    if choice == 0:
-        made.first_sample = random.choice((0, 2**64 - 1, step * BLOCK, step * BLOCK + 7))
-    elif choice == 1:
-        made.channels = 1
-    elif choice == 2:
-        made.sample_rate = random.choice((0, 1, RATE - 1, 2**32 - 1))
-    else:    # a stream of its own
-        made.first_sample = step // 4 * BLOCK
-    return made
-
-
-def test_another_source_disturbs_nothing():
-    samples, random, stage = sound(2.0), Random(1), DoaStage(PAIR)
-    alone = [m.hypotheses[0].azimuth for m in feed(DoaStage(PAIR), samples)]
-    beside = []
-    for step, frame in enumerate(frames(samples)):
-        beside += stage.on_audio(frame, 0.0)
-        for _ in range(3):
-            assert stage.on_audio(foreign_frames(-samples, random, step), 0.0) == []
-    assert [m.hypotheses[0].azimuth for m in beside] == alone and stage.foreign == 180 and stage.restarts == 0
 
 
 @pytest.mark.parametrize('stamp', [50.0, 102.0, 5000.0])
@@ -125,7 +95,7 @@ def test_a_source_that_starts_again_is_heard_again(stamp):
     stage = DoaStage(PAIR)
     feed(stage, sound(1.0))
     first = to_seconds(feed(stage, sound(2.0), stamp=stamp)[0].header.stamp)
-    assert first == pytest.approx(stamp + 0.3 + 0.25, abs=2.1 * BLOCK / RATE)    # TAKEN_AFTER_S, and half a window
+    assert first == pytest.approx(stamp + 0.25, abs=1e-6)
 
 
 def test_gaps_are_counted_as_restarts():

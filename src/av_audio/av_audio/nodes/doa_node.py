@@ -91,7 +91,6 @@ class DoaNode(RigNode):
         latest = self._stage.latest
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
-        status.add('frames of other streams', str(self._stage.foreign))
         status.add('directions without phases', str(self._stage.without_phases))
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS; of the channels ' +
