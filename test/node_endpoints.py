@@ -41,7 +41,7 @@ VARIANTS: dict[str, list[dict]] = {
                     {'rig_file': RIG_TWO_CAMERAS, 'oracle_detections': True, 'second_image_port': 9996}],
     'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
     'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
-    'doa_node': [{'array_file': ARRAY, 'ego_rotors': 'topic'}],
+    'doa_node': [{'array_file': ARRAY, 'ego_rotor_blades': 2}],
     'fusion_node': [{'use_cues': True}, {'rig_file': RIG_TWO_CAMERAS}],
     'network_node': [{'rigs': ['left', 'right'], 'positions': [0.0] * 6, 'pose_sources': ['odometry', 'fix'], 'cue': True,
                       'datum': {'known': True, 'latitude': 48.0, 'longitude': 11.0, 'altitude': 500.0}}],

@@ -1,11 +1,9 @@
-"""What a calibration is good for, in words, as an exit code and as a plot."""
+"""What a calibration is good for, in words and as an exit code."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +18,6 @@ MOST_OUTLIERS = 0.5
 BASELINE_FACTOR = 1.8
 LARGEST_ROTATION_DEG = 25.0
 WIDEST_GAP_DEG = 40.0    # between angles to the axis that were measured
-WIDTH, HEIGHT, EDGE = 720, 480, 60    # of the plot in pixels
 
 
 class Verdict(IntEnum):
@@ -68,42 +65,6 @@ def outlier_lines(calibration: Calibration, times: NDArray) -> list[str]:
     return [f'{times[k]:8.2f} s   {np.degrees(calibration.angles[k]):6.1f} deg, heard at '
             f'{np.degrees(calibration.angles[k] + calibration.residuals[k]):6.1f} deg'
             for k in np.flatnonzero(calibration.outliers)]
-
-
-def save_plot(calibration: Calibration, path: str | Path) -> None:
-    """Write an SVG image: path differences by the angle to the axis, with the fitted curve; outliers are red.
-
-    Parameters:
-        calibration: the calibration.
-        path: the file to write.
-
-    Raises OSError.
-    """
-    curve = calibration.array.delay_curve
-    assert curve is not None    # of every calibration
-    highest = 1e3 * float(max(np.abs(calibration.paths).max(), calibration.baseline))
-
-    def place(angles: NDArray, paths: NDArray) -> list[str]:
-        x = EDGE + (WIDTH - 2 * EDGE) * np.degrees(angles) / 180.0
-        y = HEIGHT / 2.0 - (HEIGHT / 2.0 - EDGE) * 1e3 * paths / highest
-        return [f'{across:.1f},{down:.1f}' for across, down in zip(x, y, strict=True)]
-
-    grid = np.linspace(0.0, np.pi, 181)
-    fitted = ' '.join(place(grid, calibration.baseline * curve.measured_cosine(np.cos(grid))))
-    dots = ''.join(
-        '<circle cx="{}" cy="{}" r="3" fill="{}"/>\n'.format(*spot.split(','), '#d33' if outlier else '#469')
-        for spot, outlier in zip(place(calibration.angles, calibration.paths), calibration.outliers, strict=True))
-    ticks = ''.join(f'<text x="{EDGE + (WIDTH - 2 * EDGE) * angle / 180.0:.0f}" y="{HEIGHT - EDGE / 2:.0f}">{angle}</text>\n'
-                    for angle in range(0, 181, 30))
-    title = escape(f'{calibration.array.name}: {judge(calibration).words}')
-    Path(path).expanduser().write_text(
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" font-family="sans-serif" font-size="13" '
-        f'text-anchor="middle">\n<rect width="100%" height="100%" fill="white"/>\n'
-        f'<text x="{WIDTH / 2:.0f}" y="25">{title}</text>\n'
-        f'<text x="{WIDTH / 2:.0f}" y="{HEIGHT - 8}">angle to the axis in degrees</text>\n'
-        f'<text x="20" y="{HEIGHT / 2:.0f}" transform="rotate(-90 20 {HEIGHT / 2:.0f})">path difference, '
-        f'{-highest:.0f} to {highest:.0f} mm</text>\n{ticks}{dots}'
-        f'<polyline points="{fitted}" fill="none" stroke="black" stroke-width="1.5"/>\n</svg>\n', encoding='utf-8')
 
 
 def _complaint(calibration: Calibration) -> str:

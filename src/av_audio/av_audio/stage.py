@@ -178,8 +178,7 @@ def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:
     """Settings of the parameters of doa_node, with `changes` of fields of LocalizerSettings. Raises ValueError."""
     given = {
         'window_s': parameters.window, 'hop_s': parameters.hop, 'band_hz': (parameters.band_low, parameters.band_high),
-        'method': parameters.method, 'wideband': parameters.wideband, 'max_sources': parameters.max_sources,
-        'temperature_c': parameters.temperature,
+        'method': parameters.method, 'max_sources': parameters.max_sources, 'temperature_c': parameters.temperature,
         'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg)}
     return LocalizerSettings(**{**given, **changes})
 
@@ -200,6 +199,5 @@ def make_doa_stage(parameters: Any, array: MicrophoneArray | None = None, **chan
                              'config/arrays/two_microphones.yaml')
         array = MicrophoneArray.load(parameters.array_file)
     ego_noise = NoiseRecording.load(parameters.ego_noise) if parameters.ego_noise else None
-    rotor_blades = parameters.ego_rotor_blades if parameters.ego_rotors == 'topic' else 0
-    return DoaStage(array, localizer_settings(parameters, **changes), ego_noise, rotor_blades,
+    return DoaStage(array, localizer_settings(parameters, **changes), ego_noise, parameters.ego_rotor_blades,
                     load_model(parameters.drone_model))

@@ -227,7 +227,7 @@ def test_all_channels_are_the_default(rig, tmp_path):
 def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
     """Rotors 15 dB louder than the target mislead until the motors' speeds are known."""
     samples, blade_pass = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
-    node = rig.add(DoaNode, array_file=array_file, ego_rotors='topic', ego_rotor_blades=3)
+    node = rig.add(DoaNode, array_file=array_file, ego_rotor_blades=3)
     rig.wait_for_status('no motor speeds', DiagnosticStatus.WARN)
     speeds = rig.recorder.create_publisher(Float32MultiArray, 'motor_speeds', STREAM)
     rig.spin(lambda: speeds.get_subscription_count() >= 1)
@@ -246,8 +246,7 @@ def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
 
-@pytest.mark.parametrize('old, new', [('own_noise', 'ego_noise'), ('own_rotors', 'ego_rotors'),
-                                      ('own_rotor_blades', 'ego_rotor_blades')])
+@pytest.mark.parametrize('old, new', [('own_noise', 'ego_noise'), ('own_rotor_blades', 'ego_rotor_blades')])
 def test_old_names_of_parameters_are_refused_with_the_new_one(rig, old, new):
     with pytest.raises(ValueError, match=f'{old} is now named {new}'):
         rig.add(DoaNode, **{old: 1})

@@ -131,9 +131,9 @@ def test_a_stage_is_made_of_the_parameters_of_doa_node(tmp_path):
     soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE)
     parameters = node_parameters('av_audio', 'doa_node', overrides={
         'array_file': str(tmp_path / 'pair.yaml'), 'window': 0.3, 'hop': 0.05, 'band_low': 300.0, 'band_high': 3000.0,
-        'method': 'phat', 'wideband': False, 'temperature': 5.0, 'elevation_min_deg': -10.0, 'elevation_max_deg': 60.0,
+        'method': 'phat', 'temperature': 5.0, 'elevation_min_deg': -10.0, 'elevation_max_deg': 60.0,
         'ego_noise': str(tmp_path / 'alone.wav')})
-    expected = LocalizerSettings(0.3, 0.05, (300.0, 3000.0), 'phat', 5.0, (-10.0, 60.0), False)
+    expected = LocalizerSettings(0.3, 0.05, (300.0, 3000.0), 'phat', 5.0, (-10.0, 60.0))
     assert localizer_settings(parameters) == expected
     assert make_doa_stage(parameters).settings == expected
     assert make_doa_stage(parameters, PAIR, method='ml').settings.method == 'ml'

@@ -15,7 +15,7 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('audio_node', r'silent', 'Is the microphone muted? `alsamixer`, then `ros2 run av_view doctor` with a clap.'),
     ('audio_node', r'device', 'Is it plugged in, and used by no other program? `ros2 run av_view doctor` lists the devices.'),
     ('doa_node', r'no audio', 'Nothing is heard: look at audio_node, or at bridge_node and the simulator.'),
-    ('doa_node', r'motor speeds', 'Publish motor_speeds, or set the parameter ego_rotors of doa_node to none.'),
+    ('doa_node', r'motor speeds', 'Publish motor_speeds, or set the parameter ego_rotor_blades of doa_node to 0.'),
     ('camera_node', r'no images|failed', 'Is the camera plugged in, and used by no other program? `ros2 run av_view doctor` '
      'opens it as camera_node does.'),
     ('detector_node', r'no images', 'Nothing is seen: look at camera_node, or at bridge_node and the simulator.'),

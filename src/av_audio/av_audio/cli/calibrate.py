@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.calibration import Calibration, calibrate, measured_path, search_array
-from av_audio.calibration_report import Verdict, judge, outlier_lines, save_plot
+from av_audio.calibration_report import Verdict, judge, outlier_lines
 from av_audio.cli.guided_recording import record
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
 from av_audio.device_source import DeviceSource
@@ -83,8 +83,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for line in outlier_lines(calibration, times):
             print(f'outlier {line}')
         print(f'{calibration.report()}\nverdict       {judgement.words}')
-        if options.plot:
-            save_plot(calibration, options.plot)
         if judgement.verdict != Verdict.DO_NOT_USE:
             calibration.array.save(options.output, f'Fitted by calibrate to {Path(options.file).name}:\n'
                                                    f'{calibration.report()}\nverdict       {judgement.words}')
@@ -102,7 +100,6 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('file', help='sound file of two microphones; written with --guided and --from-bag')
     parser.add_argument('--truth', required=True, metavar='CSV', help='azimuths of the source: time, azimuth_deg; likewise')
     parser.add_argument('--output', required=True, metavar='YAML', help='array file to write')
-    parser.add_argument('--plot', metavar='SVG', help='image of the estimates, the curve and the outliers to write')
     origin = parser.add_mutually_exclusive_group()
     origin.add_argument('--guided', action='store_true', help='record first: says where to carry a loudspeaker')
     origin.add_argument('--from-bag', metavar='BAG', help='extract the sound, and what the camera saw, from a bag first')

@@ -27,12 +27,15 @@ class DoaNode(RigNode):
     """Subscribes to `audio/frames` and publishes `doa`. Frames that do not fit are refused."""
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors', 'own_rotor_blades': 'ego_rotor_blades'}
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys(
-        ('ego_rotor_count', 'own_rotor_count'), 'rotors are no longer estimated from the sound: record them (ego_noise)')
+        'own_noise': 'ego_noise', 'own_rotor_blades': 'ego_rotor_blades'}
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'wideband': 'method ml always uses phases above the band',
+        **dict.fromkeys(('ego_rotors', 'own_rotors'), 'ego_rotor_blades alone notches at motor_speeds, 0 nothing'),
+        **dict.fromkeys(('ego_rotor_count', 'own_rotor_count'),
+                        'rotors are no longer estimated from the sound: record them (ego_noise)')}
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
-        'method', 'window', 'hop', 'band_low', 'band_high', 'wideband', 'max_sources', 'temperature', 'elevation_min_deg',
+        'method', 'window', 'hop', 'band_low', 'band_high', 'max_sources', 'temperature', 'elevation_min_deg',
         'elevation_max_deg'})
 
     def __init__(self, **kwargs: Any) -> None:
@@ -41,7 +44,7 @@ class DoaNode(RigNode):
     def configure(self) -> None:
         """Load the array and check the settings. Raises ValueError or OSError."""
         self._stage = make_doa_stage(self.settings)
-        self._needs_motor_speeds = self.settings.ego_rotors == 'topic'
+        self._needs_motor_speeds = self.settings.ego_rotor_blades > 0
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
 
