@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solveh_banded
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
@@ -21,6 +21,7 @@ from av_network.settings import NetworkSettings, RigSettings
 SEGMENT_S = 5.0
 LEAST_OBSERVATIONS = 12
 ITERATIONS = 2
+STEP_S = 0.05  # between the times for which a track is solved: accelerations move a target by millimetres in less
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
 OUTLIER = 16.0  # squared Mahalanobis distance of a residual from the smoothed track, beyond which it is not used
@@ -33,16 +34,6 @@ class _Linear(NamedTuple):
     H: NDArray[np.float64]  # (k, 2, 6)
     T: NDArray[np.float64]  # (k, 2, 2 r)
     R: NDArray[np.float64]  # (k, 2, 2)
-
-
-class _Pass(NamedTuple):
-    """A Kalman filter's states with their derivatives by dtheta, and what it says of dtheta."""
-
-    means: NDArray[np.float64]  # (k, 6)
-    covariances: NDArray[np.float64]  # (k, 6, 6)
-    slopes: NDArray[np.float64]  # (k, 6, 2 r)
-    information: NDArray[np.float64]  # (2 r, 2 r)
-    vector: NDArray[np.float64]  # (2 r,)
 
 
 @dataclass
@@ -59,10 +50,9 @@ class RigCalibration:
 
     A recursive filter of targets and clocks is biased: the offset of a clock enters multiplied by the velocity, a filtered
     velocity lags behind the true one, and its error correlates with the innovations. Here each segment of a target's track
-    is smoothed, and the observations are linearised about the smoothed track (Gauss-Newton). The track is then eliminated:
-    a Kalman filter carries the derivatives of its states by headings and clocks, and its innovations give their
-    information (the separated bias of Friedland 1969). Each segment begins with a wide prior of the target, so
-    that no observation counts twice.
+    is smoothed, and the observations are linearised about the smoothed track (Gauss-Newton). The track is then eliminated
+    from the normal equations, whose matrix is banded. Each segment begins with a wide prior of the target, so that no
+    observation counts twice.
 
     Attributes:
         mean (2 r,), covariance (2 r, 2 r): (heading (rad), clock (s)) of each rig.
@@ -129,79 +119,72 @@ class RigCalibration:
         self._time = time
 
     def _learn(self, segment: _Segment) -> None:
-        clocks = self.mean[1::RIG_SIZE]
-        order = np.argsort([one.time + clocks[self._slots[one.rig]] for one in segment.observations], kind='stable')
-        observations = [segment.observations[k] for k in order]
+        observations, clocks = segment.observations, self.mean[1::RIG_SIZE]
         times = np.array([one.time + clocks[self._slots[one.rig]] for one in observations])
-        track = np.array([segment.states[k] for k in order])
-        step = np.zeros(len(self.mean))
-        prior = np.linalg.inv(self.covariance)
+        cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
+        track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
+        bands, step, prior = _motion_bands(STEP_S * np.diff(cells)), np.zeros(len(self.mean)), np.linalg.inv(self.covariance)
         for _ in range(ITERATIONS):
-            linear = self._linearise(observations, times, track, self.mean + step, step)
-            passed = self._filter(times, linear, track[0])
-            information = prior + passed.information
-            step = np.asarray(np.linalg.solve(information, passed.vector), np.float64)
-            track = self._smooth(times, passed, step)
+            linear = self._linearise(observations, ahead, track[nodes], step)
+            weights = np.linalg.inv(linear.R)
+            weighed_H, weighed_T = weights @ linear.H, weights @ linear.T
+            matrix, vectors, shared = bands.copy(), np.zeros_like(track), np.zeros((*track.shape, len(step)))
+            np.add.at(matrix[:, :6], nodes, linear.H.swapaxes(1, 2) @ weighed_H)
+            np.add.at(vectors, nodes, np.einsum('kia,ki->ka', weighed_H, linear.y))
+            np.add.at(shared, nodes, linear.H.swapaxes(1, 2) @ weighed_T)
+            vectors[0] += np.linalg.solve(WIDE, track[0])
+            both = np.concatenate([vectors[..., None], shared], 2).reshape(track.size, -1)
+            solved = solveh_banded(_banded(matrix), both, lower=True)
+            information = prior + np.einsum('kit,kiu->tu', linear.T, weighed_T) - both[:, 1:].T @ solved[:, 1:]
+            step = np.asarray(np.linalg.solve(information, np.einsum('kit,ki->t', weighed_T, linear.y)
+                                              - both[:, 1:].T @ solved[:, 0]), np.float64)
+            track = (solved[:, 0] - solved[:, 1:] @ step).reshape(track.shape)
         self.mean = self.mean + step
         self.covariance = np.asarray(np.linalg.inv(information), np.float64)
 
-    def _linearise(self, observations: Sequence[Observation], times: NDArray[np.float64], track: NDArray[np.float64],
-                   theta: NDArray[np.float64], step: NDArray[np.float64]) -> _Linear:
-        """The observations about a track and headings and clocks `theta`, which are `step` from those at the beginning."""
+    def _linearise(self, observations: Sequence[Observation], ahead: NDArray[np.float64], track: NDArray[np.float64],
+                   step: NDArray[np.float64]) -> _Linear:
+        """The observations about states of the target, of which they are ahead, and headings and clocks that are `step` off."""
         place = np.array([self._position_sigmas[one.rig] for one in observations])
         rigs = np.array([self._slots[one.rig] for one in observations])
-        headings, clocks = theta[RIG_SIZE * rigs], theta[RIG_SIZE * rigs + 1]
+        headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + 1]
         speed = np.array([self._settings.sound_speed if one.sighting.by_sound else math.inf for one in observations])
-        ahead = np.array([one.time for one in observations]) + clocks - times
         origins = np.array([one.position for one in observations])
-        expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead, speed)
+        expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead + clocks, speed)
         level = np.cos(expected.elevation)
         angles = np.array([one.angles for one in observations])
         residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1),
                                    np.stack([expected.azimuth, expected.elevation], 1))
         H = np.concatenate([expected.by_position, expected.by_velocity], 2)
-        T = np.zeros((len(rigs), 2, len(theta)))
+        T = np.zeros((len(rigs), 2, len(step)))
         rows = np.arange(len(rigs))
         T[rows, 0, RIG_SIZE * rigs] = -level
         T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + 1] = expected.by_time
         place = (place / expected.distance) ** 2
         R = np.array([one.covariance for one in observations]) + place[:, None, None] * np.eye(2)
-        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(R, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
+        S = R + T @ self.covariance @ T.swapaxes(1, 2)
+        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
         return _Linear(residuals + np.einsum('kij,kj->ki', H, track) + T @ step, H, T, R)
 
-    def _filter(self, times: NDArray[np.float64], linear: _Linear, begin: NDArray[np.float64]) -> _Pass:
-        count, size = len(times), linear.T.shape[2]
-        x, P, X = begin.copy(), WIDE.copy(), np.zeros((6, size))
-        information, vector = np.zeros((size, size)), np.zeros(size)
-        means, covariances, slopes = np.zeros((count, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6, size))
-        for k in range(count):
-            if k:
-                F, Q = self._motion(times[k] - times[k - 1])
-                x, P, X = F @ x, F @ P @ F.T + Q, F @ X
-            H = linear.H[k]
-            S = H @ P @ H.T + linear.R[k]
-            residual, slope = linear.y[k] - H @ x, linear.T[k] + H @ X
-            inverse = np.linalg.inv(S)
-            gain = P @ H.T @ inverse
-            weighted = slope.T @ inverse
-            information += weighted @ slope
-            vector += weighted @ residual
-            x, X, P = x + gain @ residual, X - gain @ slope, P - gain @ S @ gain.T
-            means[k], covariances[k], slopes[k] = x, P, X
-        return _Pass(means, covariances, slopes, information, vector)
 
-    def _smooth(self, times: NDArray[np.float64], passed: _Pass, step: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The track (k, 6) given dtheta (Rauch, Tung and Striebel 1965)."""
-        track = passed.means + passed.slopes @ step
-        for k in range(len(times) - 2, -1, -1):
-            F, Q = self._motion(times[k + 1] - times[k])
-            P = passed.covariances[k]
-            ahead = F @ P @ F.T + Q
-            track[k] += P @ F.T @ np.linalg.solve(ahead, track[k + 1] - F @ track[k])
-        return track
+def _motion_bands(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Information of a track's motion and beginning: (k + 1, 12, 6) of each state (rows 0 to 5) and the next one with it.
 
-    def _motion(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        F, _ = nearly_constant_velocity(step, 0.0)
-        _, Q = nearly_constant_velocity(max(step, 1e-4), DENSITY)  # so that predicted covariances are regular
-        axes = np.eye(3)
-        return np.asarray(np.kron(F, axes), np.float64), np.asarray(np.kron(Q, axes), np.float64)
+    Parameters:
+        steps (k,) (s): between the states.
+    """
+    found = np.zeros((len(steps) + 1, 12, 6))
+    F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(steps, DENSITY))
+    inverse = np.linalg.inv(Q)
+    found[:-1, 6:] = -inverse @ F
+    found[:-1, :6] -= F.swapaxes(1, 2) @ found[:-1, 6:]
+    found[1:, :6] += inverse
+    found[0, :6] += np.linalg.inv(WIDE)
+    return found
+
+
+def _banded(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lower diagonals (12, 6 k) of a matrix by its blocks (k, 12, 6), see `_motion_bands`."""
+    below, column = np.indices((12, 6))
+    padded = np.pad(blocks, ((0, 0), (0, 6), (0, 0)))
+    return np.asarray(padded[:, below + column, column].transpose(1, 0, 2).reshape(12, -1))

@@ -222,7 +222,9 @@ class HypothesisFilter:
         heading, clock = mean[:, columns[HEADING]], mean[:, columns[CLOCK]]
         angles, noise = np.array([one.angles for one in observations]), np.array([one.covariance for one in observations])
         size = len(mean)
-        residuals, jacobians, places = np.empty((size, m, 2)), np.empty((size, m, 2, 8)), np.empty((size, m))
+        P = self.covariance[rows[:, None, None], :, columns[:, None], columns]  # (n, 8, 8, f)
+        P = np.moveaxis(P, 3, 1).reshape(size, 8, 8)
+        residuals, jacobians, S = np.empty((size, m, 2)), np.empty((size, m, 2, 8)), np.empty((size, m, 2, 2))
         alike: dict[tuple[bool, float], list[int]] = {}
         for index, one in enumerate(observations):
             alike.setdefault((one.sighting.by_sound, one.time), []).append(index)
@@ -234,12 +236,10 @@ class HypothesisFilter:
             measured = angles[chosen] + np.stack([heading, 0.0 * heading], 1)[:, None]
             residuals[:, chosen] = sphere.offsets(measured, np.stack([expected.azimuth, expected.elevation], 1)[:, None])
             by_heading = np.stack([-level, 0.0 * level], 1)[:, :, None]
-            jacobians[:, chosen] = np.concatenate([by_heading, expected.by_time[:, :, None], expected.by_position,
-                                                   expected.by_velocity], 2)[:, None]
-            places[:, chosen] = ((self._position_sigmas[first.rig] / expected.distance) ** 2)[:, None]
-        P = self.covariance[rows[:, None, None], :, columns[:, None], columns]  # (n, 8, 8, f)
-        P = np.moveaxis(P, 3, 1).reshape(size, 1, 8, 8)
-        S = jacobians @ P @ jacobians.swapaxes(-1, -2) + noise + places[:, :, None, None] * np.eye(2)
+            H = np.concatenate([by_heading, expected.by_time[:, :, None], expected.by_position, expected.by_velocity], 2)
+            place = (self._position_sigmas[first.rig] / expected.distance[:, None, None]) ** 2 * np.eye(2)
+            jacobians[:, chosen] = H[:, None]
+            S[:, chosen] = (H @ P @ H.swapaxes(1, 2) + place)[:, None] + noise[chosen]
 
         def apart(part: NDArray[np.float64]) -> NDArray[np.float64]:
             return part.reshape(count, flights, *part.shape[1:]).swapaxes(1, 2)

@@ -13,19 +13,20 @@ LONGEST_STEP_S = 0.5  # short beside the memory of velocities
 SHORT = 0.01  # of a step over the duration of accelerations
 
 
-def nearly_constant_velocity(step: float, density: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transition (2, 2) and covariance (2, 2) of the process noise of (position, velocity) along one axis.
+def nearly_constant_velocity(steps: NDArray[np.float64], density: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (k, 2, 2) and covariances (k, 2, 2) of the process noise of (position, velocity) along one axis.
 
     The acceleration is white (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
     section 6.2.2).
 
     Parameters:
-        step (s): of time; noise grows with its amount, back in time, too.
+        steps (k,) (s): of time.
         density: spectral density of the acceleration, in the square of the position's unit over s^3.
     """
-    amount = abs(step)
-    return (np.array([[1.0, step], [0.0, 1.0]]),
-            density * np.array([[amount**3 / 3.0, amount**2 / 2.0], [amount**2 / 2.0, amount]]))
+    one = np.ones_like(steps)
+    F = np.array([[one, steps], [0.0 * one, one]])
+    Q = density * np.array([[steps**3 / 3.0, steps**2 / 2.0], [steps**2 / 2.0, steps]])
+    return np.moveaxis(F, -1, 0), np.moveaxis(Q, -1, 0)
 
 
 def singer(steps: NDArray[np.float64], variance: float, duration: float

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_network.lone_track import LoneTrack
+from av_network.observation import Observation
 from av_network.report import Sighting
 
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
@@ -31,12 +32,14 @@ class Member(NamedTuple):
         last (s): time of its newest observation that was used, by the reference clock.
         gain: what it has added to the target's score.
         alone: the track as a target of its own.
+        proven: whether it fitted while other rigs observed the target, too.
     """
 
     id: int
     last: float
     gain: float
     alone: LoneTrack
+    proven: bool = False
 
 
 @dataclass
@@ -47,7 +50,6 @@ class NetworkTarget:
         started (s): time of its first observation.
         measured (s): time of its newest observation.
         supported (s): time of its newest observation while another rig observed it, too.
-        proven: those of the rigs' tracks, (index of the rig, id), that fitted it while other rigs observed it, too.
         id: counted up; 0 for a candidate.
         born (s): when it was confirmed.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
@@ -63,7 +65,6 @@ class NetworkTarget:
     started: float
     measured: float
     supported: float = -math.inf
-    proven: set[tuple[int, int]] = field(default_factory=set)
     id: int = 0
     born: float = math.inf
     odds: float = 0.0
@@ -105,14 +106,12 @@ class NetworkTarget:
             alone: the rig's track as that other target.
         """
         member = self.members.get(rig)
-        before = member.gain if member is not None and member.id == sighting.id else 0.0
-        least = -PROVEN_GAIN if (rig, sighting.id) in self.proven else -MOST_GAIN
-        self.members[rig] = Member(sighting.id, time, max(min(before + gain, MOST_GAIN), least), alone)
+        before, proven = (member.gain, member.proven) if member is not None and member.id == sighting.id else (0.0, False)
+        total = max(min(before + gain, MOST_GAIN), -PROVEN_GAIN if proven else -MOST_GAIN)
         self.measured = max(self.measured, time)
-        if len(present := self.tracks(time - SUPPORT_S)) > 1:
-            self.supported = max(self.supported, time)
-            self.proven = {key for key in self.tracks()
-                           if key in self.proven or (key in present and self.members[key[0]].gain > PROVEN_GAIN)}
+        if any(one.last >= time - SUPPORT_S for other, one in self.members.items() if other != rig):
+            self.supported, proven = max(self.supported, time), proven or total > PROVEN_GAIN
+        self.members[rig] = Member(sighting.id, time, total, alone, proven)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
         if sighting.class_id:
             self.classes[sighting.class_id] += 1
@@ -152,17 +151,25 @@ class TargetState(NamedTuple):
     positioned: bool
 
 
-def explained(hypotheses: Sequence[NetworkTarget], since: float, least_score: float) -> set[tuple[int, int]]:
+def membership(hypotheses: Sequence[NetworkTarget], observations: Sequence[Observation]) -> NDArray[np.bool_]:
+    """Whether (n, m) each of m observations is of a rig's track that is a member of each of n hypotheses."""
+    rigs = sorted({one.rig for one in observations})
+    ids = np.array([[each.members[rig].id if rig in each.members else -1 for rig in rigs] for each in hypotheses], int)
+    columns = np.searchsorted(rigs, [one.rig for one in observations])
+    return np.asarray(ids.reshape(-1, len(rigs))[:, columns] == [one.sighting.id for one in observations])
+
+
+def explained(hypotheses: Sequence[NetworkTarget], present: Sequence[set[tuple[int, int]]], least_score: float
+              ) -> set[tuple[int, int]]:
     """The tracks of probable hypotheses with so many rigs that no others need to be thought of.
 
     Parameters:
         hypotheses: targets, and candidates that are probable from a score on.
-        since (s): time since which a track has been observed.
+        present: their tracks that are observed.
         least_score: that score.
     """
-    members = [(each, each.tracks(since)) for each in hypotheses]
-    return {track for each, tracks in members for track in tracks
-            if len(tracks) >= WELL_SUPPORTED and (each.confirmed or each.score(tracks) > least_score)}
+    return set().union(*(tracks for each, tracks in zip(hypotheses, present, strict=True)
+                         if len(tracks) >= WELL_SUPPORTED and (each.confirmed or each.score(tracks) > least_score)))
 
 
 def claims(hypotheses: Sequence[NetworkTarget], since: float) -> list[set[tuple[int, int]]]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from av_common.angles import angles_to_direction
-from av_network.hypothesis_filter import LOG_TAU, RIG_SIZE, HypothesisFilter, largest_sigmas
+from av_network.hypothesis_filter import CLOCK, HEADING, LOG_TAU, RIG_SIZE, HypothesisFilter, largest_sigmas
 from av_network.lone_track import begin
 from av_network.motion_model import velocity_covariance
-from av_network.network_target import Member, NetworkTarget
+from av_network.network_target import Member, NetworkTarget, membership
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings
 
@@ -36,39 +36,47 @@ class Lines(NamedTuple):
         origins (k, 3) (m): of the rigs.
         units (k, 3): along them.
         variances (k,) (rad^2): of the angles.
+        times (k,) (s), time_variances (k,) (s^2): of the capture by the reference clock.
+        delays (k,) (s/m): of what is received; 0 for light.
     """
 
     origins: NDArray[np.float64]
     units: NDArray[np.float64]
     variances: NDArray[np.float64]
+    times: NDArray[np.float64]
+    time_variances: NDArray[np.float64]
+    delays: NDArray[np.float64]
 
 
-def lines_of(observations: Sequence[Observation], states: HypothesisFilter) -> Lines:
-    """Reported directions with the corrections of the rigs' headings.
+def lines_of(observations: Sequence[Observation], states: HypothesisFilter, sound_speed: float) -> Lines:
+    """Reported directions with the corrections of the rigs' headings and clocks.
 
     Parameters:
         observations (k,): one at least.
-        states: what is known of the headings.
+        states: what is known of the headings and clocks.
+        sound_speed (m/s): speed of sound.
     """
     columns = RIG_SIZE * np.array([states.slots[one.rig] for one in observations])
     angles = np.array([one.angles for one in observations])
-    units = angles_to_direction(angles[:, 0] + states.rig_mean[columns], angles[:, 1])
+    units = angles_to_direction(angles[:, 0] + states.rig_mean[columns + HEADING], angles[:, 1])
     spreads = np.array([one.covariance[0, 0] + one.covariance[1, 1] for one in observations])
-    return Lines(np.array([one.position for one in observations]), units,
-                 spreads / 2.0 + states.rig_covariance[columns, columns])
+    variances = np.diag(states.rig_covariance)
+    return Lines(np.array([one.position for one in observations]), units, spreads / 2.0 + variances[columns + HEADING],
+                 np.array([one.time for one in observations]) + states.rig_mean[columns + CLOCK], variances[columns + CLOCK],
+                 np.array([1.0 / sound_speed if one.sighting.by_sound else 0.0 for one in observations]))
 
 
-def meetings(first: Lines, second: Lines, most_distance: float, slack: float
-             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def meetings(first: Lines, second: Lines, most_distance: float, speed: float
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Where each of m directions meets each of k others.
 
-    Returns places (m, k, 3) (m), between both where they are closest, nearer to the more precise one, and squared distances
-    (m, k) there over their variance; inf where they do not meet ahead of both rigs and within range.
+    Returns places (m, k, 3) (m), between both where they are closest, nearer to the more precise one, their times (m, k) (s),
+    and squared distances (m, k) there over their variance; inf where they do not meet ahead of both rigs and within range.
 
     Parameters:
         first, second: of different rigs.
         most_distance (m): of a place from either rig.
-        slack (m): standard deviation of how far a target moves between the times of the directions.
+        speed (m/s): standard deviation of a target's, which moves from one emission to the other.
     """
     a, b, offsets = first.units[:, None], second.units[None], second.origins[None] - first.origins[:, None]
     cosine, along, across = first.units @ second.units.T, np.sum(offsets * a, axis=2), np.sum(offsets * b, axis=2)
@@ -78,27 +86,32 @@ def meetings(first: Lines, second: Lines, most_distance: float, slack: float
     ends = first.origins[:, None] + near[..., None] * a, second.origins + far[..., None] * b
     total = spreads[0] + spreads[1]
     places = (spreads[1][..., None] * ends[0] + spreads[0][..., None] * ends[1]) / np.maximum(total, 1e-12)[..., None]
-    apart = np.sum((ends[0] - ends[1]) ** 2, axis=2) / (total + slack**2)
+    emitted = (first.times - first.delays * near.T).T, second.times - second.delays * far
+    moved = speed**2 * ((emitted[0] - emitted[1])**2 + first.time_variances[:, None] + second.time_variances)
+    apart = np.sum((ends[0] - ends[1]) ** 2, axis=2) / (total + moved)
     possible = (1.0 - cosine**2 > LEAST_SINE_SQUARED) & (np.minimum(near, far) > 0.0) & (np.maximum(near, far) < most_distance)
-    return places, np.where(possible, apart, np.inf)
+    return places, 0.5 * (emitted[0] + emitted[1]), np.where(possible, apart, np.inf)
 
 
-def supports(places: NDArray[np.float64], lines: Lines, rigs: Sequence[int], slack: float) -> NDArray[np.intp]:
-    """Of how many rigs a direction passes each of n places (n,): where more meet, a meeting is less probably by chance.
+def supports(places: NDArray[np.float64], times: NDArray[np.float64], lines: Lines, rigs: NDArray[np.intp], density: float,
+             speed: float) -> NDArray[np.float64]:
+    """Logarithms (n,) of how much more probable directions are with a target at each of n places than without.
+
+    Of each rig, the direction that fits best counts.
 
     Parameters:
-        places (n, 3) (m): the places.
+        places (n, 3) (m), times (n,) (s): of supposed targets.
         lines (k,), rigs (k,): directions and the rigs that report them.
-        slack (m): see `meetings`.
+        density (1/sr): of directions without it.
+        speed (m/s): standard deviation of a target's.
     """
     offsets = places[:, None] - lines.origins
     along = np.sum(offsets * lines.units, axis=2)
     squared = np.sum(offsets**2, axis=2)
-    near = (along > 0.0) & (squared - along**2 < MOST_APART * (np.minimum(lines.variances, 1.0) * squared + slack**2))
-    found = np.zeros(len(places), int)
-    for rig in set(rigs):
-        found += np.any(near[:, np.array(rigs) == rig], axis=1)
-    return found
+    between = times[:, None] - lines.times + lines.delays * np.sqrt(squared)
+    spread = np.minimum(lines.variances, 1.0) * squared + speed**2 * (between**2 + lines.time_variances)
+    gains = np.where(along > 0.0, np.log(squared / (math.tau * density * spread)) - 0.5 * (squared - along**2) / spread, 0.0)
+    return np.asarray(sum(np.maximum(gains[:, rigs == rig].max(axis=1), 0.0) for rig in np.unique(rigs)))
 
 
 class Pairing:
@@ -110,12 +123,12 @@ class Pairing:
 
     def __init__(self, settings: NetworkSettings) -> None:
         self._settings = settings
-        self._contested: dict[tuple[int, int], tuple[Observation, float]] = {}  # newest direction of each track, and its time
+        self._contested: dict[int, tuple[float, Sequence[Observation]]] = {}  # newest directions of each rig, and their time
         self._refuted: dict[frozenset[tuple[int, int]], float] = {}  # pairs, and until when
 
     def forget(self, rig: int) -> None:
         """Forget the directions of a rig, by its index."""
-        self._contested = {key: pair for key, pair in self._contested.items() if key[0] != rig}
+        self._contested.pop(rig, None)
 
     def refute(self, keys: set[tuple[int, int]], time: float) -> None:
         """Note that tracks are not one target, from a time (s) on; more than two may still hold a pair that is."""
@@ -134,37 +147,31 @@ class Pairing:
         """
         if not reported:
             return
+        rig, settings, m = reported[0].rig, self._settings, len(reported)
         self._refuted = {pair: until for pair, until in self._refuted.items() if until > time}
-        self._contested = {key: pair for key, pair in self._contested.items() if time - pair[1] < RECENT_S}
-        owners: dict[tuple[int, int], set[int]] = {}
-        for index, each in enumerate(hypotheses):
-            for key in each.tracks():
-                owners.setdefault(key, set()).add(index)
-        latest: dict[int, float] = {}
-        for (rig, _), (_, noted) in self._contested.items():
-            latest[rig] = max(latest.get(rig, noted), noted)
-        near = set(sorted(latest, key=latest.__getitem__)[-MOST_PARTNERS:])
-        others = [other for (rig, _), (other, _) in self._contested.items() if rig in near and rig != reported[0].rig]
-        room = self._settings.most_candidates - sum(not each.confirmed for each in hypotheses)
-        found: list[tuple[float, Observation, Observation, NDArray[np.float64]]] = []
-        if others and room > 0:
-            lines, slack = lines_of(others, states), self._settings.speed_sigma * RECENT_S
-            places, apart = meetings(lines_of(reported, states), lines, self._settings.most_distance, slack)
-            found = [(float(apart[m, k]), others[k], reported[m], places[m, k]) for m, k in np.argwhere(apart < MOST_APART)
-                     if self._is_open(reported[m].key, others[k].key, owners)]
-        if len(found) > min(MOST_PROPOSED, max(room, 0)):
-            support = supports(np.array([each[3] for each in found]), lines, [other.rig for other in others], slack)
-            found = [found[k] for k in np.lexsort(np.array([[each[0] for each in found], -support]))]
-        for one in reported:
-            self._contested[one.key] = (one, time)
-        if found:
-            chosen = found[:min(MOST_PROPOSED, room)]
-            places = np.array([place for *_, place in chosen])
-            hypotheses += self._begin(states, [pair[1:3] for pair in chosen], places, density, time)
-
-    def _is_open(self, first: tuple[int, int], second: tuple[int, int], owners: dict[tuple[int, int], set[int]]) -> bool:
-        """Whether two tracks belong to no hypothesis together, and were not refuted."""
-        return owners.get(first, set()).isdisjoint(owners.get(second, ())) and frozenset((first, second)) not in self._refuted
+        recent = sorted((noted, other) for other, (noted, _) in self._contested.items()
+                        if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
+        others = [one for _, other in recent for one in self._contested[other][1]]
+        self._contested[rig] = time, reported
+        room = min(MOST_PROPOSED, settings.most_candidates - sum(not each.confirmed for each in hypotheses))
+        if not others or room <= 0:
+            return
+        lines = lines_of([*reported, *others], states, settings.sound_speed)
+        places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)),
+                                        settings.most_distance, settings.speed_sigma)
+        together = membership(hypotheses, reported).T @ membership(hypotheses, others)
+        pairs = [(row, column) for row, column in np.argwhere((apart < MOST_APART) & ~together)
+                 if frozenset((reported[row].key, others[column].key)) not in self._refuted]
+        if not pairs:
+            return
+        rows, columns = np.array(pairs).T
+        rigs = np.array([one.rig for one in (*reported, *others)])
+        gains = supports(places[rows, columns], times[rows, columns], lines, rigs, density, settings.speed_sigma)
+        order = np.argsort(-gains, kind='stable')
+        best = np.sort(np.unique(rows[order], return_index=True)[1])  # a direction has one target
+        chosen = order[best[:room]]
+        hypotheses += self._begin(states, [(others[columns[k]], reported[rows[k]]) for k in chosen],
+                                  places[rows, columns][chosen], density, time)
 
     def _begin(self, states: HypothesisFilter, pairs: Sequence[tuple[Observation, Observation]], places: NDArray[np.float64],
                density: float, time: float) -> list[NetworkTarget]:

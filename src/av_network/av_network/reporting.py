@@ -72,8 +72,9 @@ def is_credible(target: NetworkTarget, time: float) -> bool:
         target: the target.
         time (s): by the reference clock.
     """
-    present = target.tracks(time - SUPPORTED_S)
-    patience = min(CONTINUED_S if present & target.proven else SUPPORTED_S, YOUNG_S + target.supported - target.born)
+    present = [member for member in target.members.values() if member.last >= time - SUPPORTED_S]
+    patience = min(CONTINUED_S if any(member.proven for member in present) else SUPPORTED_S,
+                   YOUNG_S + target.supported - target.born)
     most = CONSISTENT + max(len(present) - WELL_SUPPORTED, 0)
     return target.odds > 0.0 and time - target.supported < patience and target.nis < most
 

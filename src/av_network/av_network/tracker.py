@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
-from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained
+from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, Pairing
@@ -115,13 +115,14 @@ class NetworkTracker:
         """Associate, update, teach, and propose candidates."""
         innovations = self.filter.innovations(observations)
         assigned = self._assign(rig, observations, innovations, time)
-        self._judge(rig, observations, assigned, time)
+        present = [each.tracks(time - SILENT_S) for each in self.hypotheses]
+        self._judge(rig, observations, assigned, present, time)
         if rig not in self.trust:
             self._leave_out(rig)
             return
         # A crowd of directions that are not explained makes chance meetings likely.
         self._density = max(self.settings.target_density, (len(observations) - len(assigned) - USUAL_REST) / SKY)
-        known = explained(self.hypotheses, time - SILENT_S, self._least_odds)
+        known = explained(self.hypotheses, present, self._least_odds)
         contested = [column for column, one in enumerate(observations) if one.key not in known]
         pairs = {row: column for column, row in assigned.items()}
         pairs |= self._follow(rig, observations, contested, innovations, time)
@@ -132,18 +133,16 @@ class NetworkTracker:
                 self.unexplained.pop(one.key, None)
             else:
                 self.unexplained[one.key] = (one, time)
+        # What is where a target is that several rigs observe needs no other explanation.
         open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved
-                         and not self._is_well_known(assigned.get(column), time)]
+                         and not (column in assigned and len(present[assigned[column]]) >= WELL_SUPPORTED)]
         self._pairing.propose(self.filter, self.hypotheses, open_to_pairs, self._density, time)
 
-    def _is_well_known(self, row: int | None, time: float) -> bool:
-        """Whether a direction is where a target is that several rigs observe: then it needs no other explanation."""
-        return row is not None and len(self.hypotheses[row].tracks(time - SILENT_S)) >= WELL_SUPPORTED
-
-    def _judge(self, rig: int, observations: Sequence[Observation], assigned: dict[int, int], time: float) -> None:
+    def _judge(self, rig: int, observations: Sequence[Observation], assigned: dict[int, int],
+               present: Sequence[set[tuple[int, int]]], time: float) -> None:
         """Note whether a rig reports what others observe, while two of them or more observe a target within its range."""
-        others = [{other for other, _ in each.tracks(time - SILENT_S) if other != rig and other in self.trust}
-                  for each in self.hypotheses]
+        trusted = {other for other in range(len(self._known)) if other != rig and other in self.trust}
+        others = [trusted.intersection(other for other, _ in tracks) for tracks in present]
         means, reach = self.filter.targets()[0], self.settings.most_distance
         if any(each.confirmed and len(seen) > 1 and np.linalg.norm(mean[:3] - observations[0].position) < reach
                for each, seen, mean in zip(self.hypotheses, others, means, strict=True)):
@@ -163,7 +162,7 @@ class NetworkTracker:
         count = len(observations)
         if not rows:
             return {}
-        own = self._own(rig, observations)[rows]
+        own = membership(self.hypotheses, observations)[rows]
         costs = np.where(innovations.squared[rows] < GATE, -innovations.log_density[rows] - MEMBER_BONUS * own, NEVER)
         away = np.where(np.eye(count) > 0.0, -math.log(self._density), NEVER)
         pairs = zip(*linear_sum_assignment(np.hstack([costs.T, away])), strict=True)
@@ -173,15 +172,10 @@ class NetworkTracker:
                 del self.hypotheses[rows[row]].members[rig]
         return found
 
-    def _own(self, rig: int, observations: Sequence[Observation]) -> NDArray[np.bool_]:
-        """Whether (n, m) an observation is of the rig's track that is a member of a hypothesis."""
-        members = [each.members[rig].id if rig in each.members else -1 for each in self.hypotheses]
-        return np.equal.outer(np.array(members, int), np.array([one.sighting.id for one in observations]))
-
     def _follow(self, rig: int, observations: Sequence[Observation], contested: Sequence[int], innovations: Innovations,
                 time: float) -> dict[int, int]:
         """The observation (index) of each candidate (index): that of its member, or a contested one if it has none."""
-        own, found = self._own(rig, observations), {}
+        own, found = membership(self.hypotheses, observations), {}
         for row, each in enumerate(self.hypotheses):
             if each.confirmed:
                 continue
@@ -210,7 +204,7 @@ class NetworkTracker:
                                       float(innovations.log_density[row, column]) - density, track)
         picked = innovations.pick(rows, columns)
         self.filter.update(rig, rows, picked, learn)
-        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and len(each.tracks(time - SILENT_S)) > 1
+        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and each.supported >= time
                          for each, one in zip((self.hypotheses[row] for row in rows), used, strict=True)], bool)
         if np.any(sure):
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))

@@ -24,11 +24,12 @@ class RigTrust:
     def __init__(self, rigs: int) -> None:
         self._most = math.log(CHANGE_S / EVIDENCE_S - 1.0)
         self._odds = [self._most] * rigs
-        self._noted: dict[tuple[int, int], float] = {}
+        self._noted: list[dict[int, float]] = [{} for _ in range(rigs)]
 
     def join(self) -> None:
         """Take one more rig, which counts as right."""
         self._odds.append(self._most)
+        self._noted.append({})
 
     def note(self, rig: int, agreeing: Mapping[int, bool], time: float) -> None:
         """Note a report.
@@ -38,12 +39,12 @@ class RigTrust:
             agreeing: whether each of its tracks, by id, is on a target that other rigs observe.
             time (s): by the reference clock.
         """
-        self._noted = {key: last for key, last in self._noted.items() if 0.0 <= time - last < CHANGE_S}
+        noted = self._noted[rig] = {track: last for track, last in self._noted[rig].items() if 0.0 <= time - last < CHANGE_S}
         for track, agrees in agreeing.items():
-            weight = min((time - self._noted.get((rig, track), -math.inf)) / EVIDENCE_S, 1.0)
+            weight = min((time - noted.get(track, -math.inf)) / EVIDENCE_S, 1.0)
             ratio = math.log(AGREES / BY_CHANCE if agrees else (1.0 - AGREES) / (1.0 - BY_CHANCE))
             self._odds[rig] = min(max(self._odds[rig] + weight * ratio, -self._most), self._most)
-            self._noted[rig, track] = time
+            noted[track] = time
 
     def __contains__(self, rig: object) -> bool:
         """Whether a rig, by its index, is more probably right than wrong."""

@@ -10,7 +10,7 @@ import pytest
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.observation import Observation
 from av_network.packing import best_packing, log_odds
-from av_network.pairing import lines_of, meetings
+from av_network.pairing import Lines, lines_of, meetings, supports
 from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
@@ -57,12 +57,27 @@ def test_directions_meet_at_their_target():
 
     left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
     others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]
-    states = HypothesisFilter([RigSettings('left', 1e-6), RigSettings('right', 1e-6)], NetworkSettings())
-    one, lines = lines_of([seen(0, left)], states), lines_of(others, states)
-    places, apart = meetings(one, lines, 400.0, 1.0)
+    states = HypothesisFilter([RigSettings('left', 1e-6, 1e-3), RigSettings('right', 1e-6, 1e-3)], NetworkSettings())
+    one, lines = (lines_of(each, states, 343.2) for each in ([seen(0, left)], others))
+    places, _, apart = meetings(one, lines, 400.0, 1.0)
     assert np.allclose(places[0, 0], target) and apart[0, 0] < 1e-9
     assert apart[0, 1] == np.inf and apart[0, 2] > 9.0
-    assert meetings(one, lines, 50.0, 1.0)[1][0, 0] == np.inf
+    assert meetings(one, lines, 50.0, 1.0)[2][0, 0] == np.inf
+    # 3 m higher, by errors of 10 mrad and by 8 m/s for 0.5 s.
+    above = lines_of([seen(1, right, target + np.array([0.0, 0.0, 3.0]))], states, 343.2)
+    sharp, moved = (meetings(one, each, 400.0, 8.0)[2][0, 0] for each in (above, above._replace(times=above.times + 0.5)))
+    assert sharp > 4.0 and 0.25 < moved < 0.5
+
+
+def test_a_place_is_probable_where_directions_of_several_rigs_pass():
+    """The density of a direction that passes 1 m off, at 60 m with 10 mrad, over that of others, by hand; none from behind."""
+    lines = Lines(np.zeros((2, 3)), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), np.full(2, 1e-4), np.zeros(2), np.zeros(2),
+                  np.zeros(2))
+    place, nowhere = np.array([[60.0, 1.0, 0.0]]), np.array([[0.0, 60.0, 0.0]])
+    expected = np.log(1.0 / (2.0 * np.pi * 1e-4 * 0.4)) - 0.5 / 0.36
+    for rigs in ([0, 0], [0, 1]):
+        assert supports(place, np.zeros(1), lines, np.array(rigs), 0.4, 8.0) == pytest.approx([expected], rel=1e-3)
+    assert supports(nowhere, np.zeros(1), lines, np.array([0, 1]), 0.4, 8.0) == pytest.approx([0.0])
 
 
 def report(rig, time):

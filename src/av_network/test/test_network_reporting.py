@@ -36,10 +36,10 @@ def test_a_position_that_is_not_verified_is_not_told(values):
 
 def test_a_track_that_others_confirmed_is_believed_for_longer():
     """For 6 s, but not when the rig has another track of the target by now, nor when it reports none."""
-    member = Member(7, 10.0, 5.0, ALONE)
-    followed = replace(KNOWN, members={0: member}, proven={(0, 7)}, supported=5.0)
+    member = Member(7, 10.0, 5.0, ALONE, True)
+    followed = replace(KNOWN, members={0: member}, supported=5.0)
     assert positioned(followed) and not positioned(replace(followed, supported=4.4))
-    assert not positioned(replace(followed, proven={(0, 6)}))
+    assert not positioned(replace(followed, members={0: member._replace(proven=False)}))
     assert not positioned(replace(followed, members={0: member._replace(last=7.0)}))
 
 
@@ -64,7 +64,7 @@ def test_tracks_prove_themselves_while_others_observe_the_target():
     for time in np.arange(0.0, 7.0, 0.25):
         for rig, gain in ((0, 1.0), (1, 1.0), (2, -1.0)) if time <= 2.0 else ((3, 5.0),) if time >= 5.0 else ():
             target.note(rig, Sighting(10 + rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, gain, ALONE)
-    assert target.proven == {(0, 10), (1, 11)}
+    assert [member.proven for member in target.members.values()] == [True, True, False, False]
 
 
 def test_a_position_that_is_not_precise_is_not_told():
