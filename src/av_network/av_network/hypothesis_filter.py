@@ -170,7 +170,9 @@ class HypothesisFilter:
         self.modes = np.concatenate([self.modes, np.tile(usual_modes(self._settings), (k, 1))])
 
     def keep(self, indices: Sequence[int]) -> None:
-        """Keep some targets, in the given order."""
+        """Keep some targets, in the order in which they are."""
+        if len(indices) == self.count:
+            return
         chosen = np.array(indices, int)
         self.mean, self.covariance, self.modes = self.mean[chosen], self.covariance[chosen], self.modes[chosen]
 

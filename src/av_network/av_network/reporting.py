@@ -30,6 +30,7 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
         time (s): by the reference clock.
     """
     means, covariances = states.predicted(time)
+    rigs_at = np.array(list(places.values())).reshape(-1, 3)
     found = []
     for index, target in enumerate(hypotheses):
         if not target.confirmed:
@@ -39,7 +40,7 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
         mean, P = means[index], covariances[index]
         observing = np.array([places[rig] for rig, member in target.members.items() if time - member.last < SUPPORT_S])
         P[:3, :3] += lasting_errors(P[:3, :3], mean[:3] - observing.reshape(-1, 3), states.unstated)
-        positioned = is_credible(target, time) and is_precise(mean, P, list(places.values()), settings)
+        positioned = is_credible(target, time) and is_precise(mean, P, rigs_at, settings)
         found.append(TargetState(target, existence, mean[:6], P[:6, :6], rigs, positioned))
     return sorted(found, key=lambda state: state.target.id)
 
@@ -79,15 +80,15 @@ def is_credible(target: NetworkTarget, time: float) -> bool:
     return target.odds > 0.0 and time - target.supported < patience and target.nis < most
 
 
-def is_precise(mean: NDArray[np.float64], covariance: NDArray[np.float64], places: Sequence[NDArray[np.float64]],
+def is_precise(mean: NDArray[np.float64], covariance: NDArray[np.float64], places: NDArray[np.float64],
                settings: NetworkSettings) -> bool:
     """Whether the root mean square error of a position by its covariance is as small as asked.
 
     Parameters:
         mean (6,), covariance (6, 6): of position (m) and velocity (m/s).
-        places: positions (3,) (m) of the rigs.
+        places (k, 3) (m): of the rigs, one at least.
         settings: `reported_error` and `reported_share`.
     """
-    distance = min((float(np.linalg.norm(mean[:3] - place)) for place in places), default=0.0)
+    distance = float(np.min(np.linalg.norm(mean[:3] - places, axis=1)))
     most = max(settings.reported_error, settings.reported_share * distance)
     return math.sqrt(max(float(np.trace(covariance[:3, :3])), 0.0)) <= most
