@@ -264,7 +264,9 @@ class HypothesisFilter:
         gain[:, :, CLOCK:self._offset:RIG_SIZE] *= learn[:, None, None, None]
         self.mean[rows] += np.einsum('kfij,kfj->kfi', gain, used.residuals)
         half = gain @ (0.5 * used.covariances @ gain.swapaxes(-1, -2) - PH.swapaxes(-1, -2))
-        self.covariance[rows] = P + half + half.swapaxes(-1, -2)
+        P += half
+        P += half.swapaxes(-1, -2)
+        self.covariance[rows] = P
         self.modes[rows] = used.modes
 
     def learn_errors(self, used: Innovations) -> None:

@@ -168,8 +168,8 @@ class Pairing:
         rigs = np.array([one.rig for one in (*reported, *others)])
         gains = supports(places[rows, columns], times[rows, columns], lines, rigs, density, settings.speed_sigma)
         order = np.argsort(-gains, kind='stable')
-        best = np.sort(np.unique(rows[order], return_index=True)[1])  # first the best of each direction: it has one target
-        chosen = np.concatenate([order[best], np.delete(order, best)])[:room]
+        best = np.sort(np.unique(rows[order], return_index=True)[1])  # a direction has one target
+        chosen = order[best[:room]]
         hypotheses += self._begin(states, [(others[columns[k]], reported[rows[k]]) for k in chosen],
                                   places[rows, columns][chosen], density, time)
 
