@@ -20,7 +20,6 @@ NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
 SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
 WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
-PROVEN_GAIN = 3.0  # of a member that fits while other rigs observe the target, too
 MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon; and, as errors last, for and against
 
 
@@ -32,14 +31,12 @@ class Member(NamedTuple):
         last (s): time of its newest observation that was used, by the reference clock.
         gain: what it has added to the target's score.
         alone: the track as a target of its own.
-        proven: whether it fitted while other rigs observed the target, too.
     """
 
     id: int
     last: float
     gain: float
     alone: LoneTrack
-    proven: bool = False
 
 
 @dataclass
@@ -106,12 +103,11 @@ class NetworkTarget:
             alone: the rig's track as that other target.
         """
         member = self.members.get(rig)
-        before, proven = (member.gain, member.proven) if member is not None and member.id == sighting.id else (0.0, False)
-        total = max(min(before + gain, MOST_GAIN), -PROVEN_GAIN if proven else -MOST_GAIN)
+        before = member.gain if member is not None and member.id == sighting.id else 0.0
+        self.members[rig] = Member(sighting.id, time, max(min(before + gain, MOST_GAIN), -MOST_GAIN), alone)
         self.measured = max(self.measured, time)
         if any(one.last >= time - SUPPORT_S for other, one in self.members.items() if other != rig):
-            self.supported, proven = max(self.supported, time), proven or total > PROVEN_GAIN
-        self.members[rig] = Member(sighting.id, time, total, alone, proven)
+            self.supported = max(self.supported, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
         if sighting.class_id:
             self.classes[sighting.class_id] += 1

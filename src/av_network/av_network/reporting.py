@@ -14,7 +14,6 @@ from av_network.settings import NetworkSettings
 
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
-CONTINUED_S = 6.0  # the same, by a track that is known from when others observed the target, too
 YOUNG_S = 1.0  # the same, of a track that was only just confirmed
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
@@ -65,18 +64,15 @@ def lasting_errors(covariance: NDArray[np.float64], offsets: NDArray[np.float64]
 def is_credible(target: NetworkTarget, time: float) -> bool:
     """Whether a target's observations fit each other, and are those of two rigs or were so lately.
 
-    One rig alone may meanwhile have a track of another drone. A track that fitted while other rigs observed the target, too,
-    is trusted for longer, and none much longer than several rigs have observed the track: a chance meeting does not last.
-    Each rig beyond three makes one less probable.
+    One rig alone may meanwhile have a track of another drone. No track is trusted much longer than several rigs have observed
+    it: a chance meeting does not last. Each rig beyond three makes one less probable.
 
     Parameters:
         target: the target.
         time (s): by the reference clock.
     """
-    present = [member for member in target.members.values() if member.last >= time - SUPPORTED_S]
-    patience = min(CONTINUED_S if any(member.proven for member in present) else SUPPORTED_S,
-                   YOUNG_S + target.supported - target.born)
-    most = CONSISTENT + max(len(present) - WELL_SUPPORTED, 0)
+    patience = min(SUPPORTED_S, YOUNG_S + target.supported - target.born)
+    most = CONSISTENT + max(len(target.tracks(time - SUPPORTED_S)) - WELL_SUPPORTED, 0)
     return target.odds > 0.0 and time - target.supported < patience and target.nis < most
 
 

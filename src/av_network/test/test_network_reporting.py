@@ -34,15 +34,6 @@ def test_a_position_that_is_not_verified_is_not_told(values):
     assert positioned(KNOWN) and not positioned(replace(KNOWN, **values))
 
 
-def test_a_track_that_others_confirmed_is_believed_for_longer():
-    """For 6 s, but not when the rig has another track of the target by now, nor when it reports none."""
-    member = Member(7, 10.0, 5.0, ALONE, True)
-    followed = replace(KNOWN, members={0: member}, supported=5.0)
-    assert positioned(followed) and not positioned(replace(followed, supported=4.4))
-    assert not positioned(replace(followed, members={0: member._replace(proven=False)}))
-    assert not positioned(replace(followed, members={0: member._replace(last=7.0)}))
-
-
 def test_a_young_target_is_believed_hardly_longer_than_several_rigs_observed_it():
     """Until 1.9 s ago, and since its confirmation for 1 s in one case and for 0.8 s in the other."""
     young = replace(KNOWN, supported=8.6)
@@ -56,15 +47,6 @@ def test_a_fourth_rig_makes_a_chance_meeting_improbable():
     assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.1))
     del members[3]
     assert not positioned(replace(inconsistent, members=members))
-
-
-def test_tracks_prove_themselves_while_others_observe_the_target():
-    """Two rigs fit until 2 s; a third one that comes at 5 s is alone, and one that does not fit proves nothing."""
-    target = NetworkTarget(0.0, 0.0)
-    for time in np.arange(0.0, 7.0, 0.25):
-        for rig, gain in ((0, 1.0), (1, 1.0), (2, -1.0)) if time <= 2.0 else ((3, 5.0),) if time >= 5.0 else ():
-            target.note(rig, Sighting(10 + rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, gain, ALONE)
-    assert [member.proven for member in target.members.values()] == [True, True, False, False]
 
 
 def test_a_position_that_is_not_precise_is_not_told():
