@@ -11,7 +11,7 @@ from av_audio.correlation import Correlation, at_centre
 from av_audio.even_phases import EvenPhases
 from av_audio.spectra import LEAST_RESPONSE
 from av_audio.steered_response import Peak
-from av_audio.weighting import maximum_likelihood, phat
+from av_audio.weighting import maximum_likelihood
 from av_common.microphone_array import MicrophoneArray
 
 # Mean square error of q at a wrong peak, and where there is no peak at all.
@@ -22,10 +22,6 @@ UNKNOWN = 10.0
 LEAD = 0.175
 LARGEST_LEAD = 3.0
 SHARED_REFLECTIONS = 0.04
-# Directions closer than this (in q, a cosine) are one. Where the phase transform of the likelihood's own bins agrees with the
-# even phases in another direction, a few strong frequencies have decided: belief in it is then the second number, the share of
-# right ones at a head with reflections and in random rooms.
-SAME, CONTRADICTED = 0.1, 0.2
 # How fast belief changes from one estimate to the other with the ratio of their expected errors.
 SHARPNESS = 4.0
 # Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor.
@@ -34,8 +30,6 @@ EVEN_SIGNIFICANCE = 1.15
 
 class Adaptive:
     """The estimate with the smaller expected error of two: of the likelihood inside the band, and of even phases in all bins.
-
-    Where they point elsewhere, a third decides against the likelihood if it agrees with the even phases: PHAT inside the band.
 
     Where the rig's own rotors are notched, what is left of them has phases of its own: the likelihood serves alone.
 
@@ -58,18 +52,11 @@ class Adaptive:
         even = self._even.estimate(spectra)
         ratio = expected_error(likely) / _tolerated_error(even)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
-        if belief > CONTRADICTED and _apart(likely, even) > SAME:
-            third = self._likelihood.highest_with(inside, phat)
-            belief = CONTRADICTED if _apart(third, even) <= SAME < _apart(third, likely) else belief
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
         return replace(chosen, significance=significance, main_share=even.main_share)
-
-
-def _apart(first: Peak, second: Peak) -> float:
-    return float(np.linalg.norm(first.q - second.q))
 
 
 def expected_error(peak: Peak) -> float:

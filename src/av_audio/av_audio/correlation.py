@@ -44,16 +44,6 @@ class Correlation(SteeredResponse):
         peak, drift = self.at_rest(spectra)
         return at_centre(peak, drift)
 
-    def highest_with(self, spectra: NDArray, weighting: Weighting) -> Peak:
-        """The highest peak of the whole window with other weights, without a model of motion.
-
-        Parameters:
-            spectra (m, k): spectra of the microphones.
-            weighting: gives the weights.
-        """
-        cross, power = self._cross(spectra)
-        return self.highest_peak(spectra, self._baselines.sum(cross * weighting(cross, power, self._band)))
-
     def at_rest(self, spectra: NDArray) -> tuple[Peak, Drift | None]:
         """The highest peak of the whole window, and the motion within it; None where there is no model of it.
 

@@ -35,11 +35,8 @@ ARRAY_SIGNIFICANCE = 0.6
 # clusters it looks like a source elsewhere. To a pair a source is also significant in wider clusters. As these are fewer, their
 # significance counts by this factor.
 WIDE_HZ, WIDE_SIGNIFICANCE = 1000.0, 1.65
-LEAST_SHARE = 0.5
 # Coherent share of all bins that a further source has at least: what a window without noise leaves of its source has less.
 LEAST_COHERENCE = 0.03
-# A maximum between points of the grid exceeds that on it by at most 1 / cos(pi / GRID_POINTS_PER_PERIOD), with a margin.
-MAXIMUM_OVER_GRID = 1.2
 
 
 class FurtherSources(SteeredResponse):
@@ -95,7 +92,7 @@ class FurtherSources(SteeredResponse):
         found, peaks = [strongest], list[Peak]()
         while len(found) < most:
             peak = self._beside(phases, found)
-            if peak is None or not self._is_source(peak):
+            if peak is None or peak.significance < LEAST_SIGNIFICANCE or peak.height < self._least_height:
                 break
             found.append(peak.q)
             refined = [self._again(phases, found, k) for k in range(len(found))]
@@ -148,10 +145,6 @@ class FurtherSources(SteeredResponse):
                 shares = np.add.reduceat(expected, self._clusters, axis=1) / sizes
         return float(np.log(total).sum())
 
-    def _is_source(self, peak: Peak) -> bool:
-        return (peak.significance >= LEAST_SIGNIFICANCE and peak.main_share >= LEAST_SHARE
-                and peak.height >= self._least_height)
-
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
         return replace(peak, covariance=peak.covariance / self._significance**2)
@@ -202,13 +195,13 @@ class FurtherSources(SteeredResponse):
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:
         """The highest peak of phases (u, n, j) at a distance from the directions found, after removing theirs.
 
-        None without a peak, and for one that is too low for a source.
+        None without a peak.
         """
         weighted = self._without(phases, found)
         curve = self.curve(weighted)
         free = self._are_apart(found)
         tops = free & (curve >= curve[self._neighbours].max(axis=1))    # a slope of those found is none
-        if MAXIMUM_OVER_GRID * curve[tops].max(initial=0.0) < self._least_height:
+        if not tops.any():
             return None
         curve = np.where(free, curve, 0.0)
         return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, 0.0)), curve)

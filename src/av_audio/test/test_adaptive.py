@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.adaptive import Adaptive
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
@@ -67,20 +65,6 @@ def test_reflections_shift_it_less_than_the_likelihood_and_sigma_says_so(seconds
     assert passed.mean() > 0.3
     assert np.mean(error[passed] > 20.0) < 0.05
     assert np.mean(error[passed] < 1.64 * sigma[passed]) > 0.8
-
-
-@pytest.mark.parametrize(('third', 'expected'), [(-0.32, -0.3), (0.48, 0.5), (0.1, 0.5)])
-def test_of_three_estimates_the_majority_decides(monkeypatch, third, expected):
-    def at(q, sigma):
-        return Peak(np.array([q]), np.array([[sigma**2]]), np.zeros((1, 1)), 5.0, 1.0, 0.2, 0.5)
-
-    adaptive = Adaptive(PAIR, np.arange(200.0, 8000.0, 2.0), np.ones(3900), C)
-    monkeypatch.setattr(adaptive._likelihood, 'at_rest', lambda spectra: (at(0.5, 0.01), None))
-    monkeypatch.setattr(adaptive._likelihood, 'highest_with', lambda spectra, weighting: at(third, 0.02))
-    monkeypatch.setattr(adaptive._even, 'estimate', lambda spectra: at(-0.3, 0.2))
-    chosen = adaptive.estimate(np.ones((2, 3900), np.complex64))
-    assert chosen.q[0] == pytest.approx(expected)
-    assert chosen.bias[0, 0] > 0.01 * 0.8**2 or expected == 0.5    # the other direction is not forgotten
 
 
 def test_sound_above_the_band_is_located_if_wideband():
