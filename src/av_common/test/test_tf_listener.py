@@ -80,7 +80,7 @@ def test_a_fixed_frame_that_was_moved_is_back_when_it_is_repeated(tf):
     assert yaw(tf.rotation(ARRAY, tf.now)) == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize('ahead', [1.0, 60.0, 1e8])
+@pytest.mark.parametrize('ahead', [5.0, 60.0, 1e8])    # more than a busy machine stands still
 def test_a_stamp_of_the_future_does_not_hide_those_that_follow(tf, ahead):
     """Tf2 takes no transform that is 10 s older than its newest."""
     tf.moving(TFMessage(transforms=[transform(GIMBAL, time=tf.now)]))
