@@ -80,12 +80,13 @@ def test_a_fixed_frame_that_was_moved_is_back_when_it_is_repeated(tf):
     assert yaw(tf.rotation(ARRAY, tf.now)) == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize('ahead', [5.0, 60.0, 1e8])    # more than a busy machine stands still
+@pytest.mark.parametrize('ahead', [1.0, 60.0, 1e8])
 def test_a_stamp_of_the_future_does_not_hide_those_that_follow(tf, ahead):
     """Tf2 takes no transform that is 10 s older than its newest."""
     tf.moving(TFMessage(transforms=[transform(GIMBAL, time=tf.now)]))
+    now = 1e-9 * tf.node.get_clock().now().nanoseconds    # up to a second later than tf.now
     with pytest.raises(ValueError, match='future'):
-        tf.moving(TFMessage(transforms=[transform(GIMBAL, time=tf.now + ahead, yaw=2.0)]))
+        tf.moving(TFMessage(transforms=[transform(GIMBAL, time=now + ahead, yaw=2.0)]))
     tf.moving(TFMessage(transforms=[transform(GIMBAL, time=tf.now + 0.02, yaw=0.4)]))
     assert yaw(tf.rotation(GIMBAL, tf.now + 0.01)) == pytest.approx(0.35, abs=1e-3)
 
