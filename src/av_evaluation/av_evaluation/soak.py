@@ -66,15 +66,15 @@ class ProcessHistory:
         """One attribute of all samples (n,)."""
         return np.array([getattr(one, quantity) for one in self.samples], float)
 
-    def settled(self, settle: float) -> NDArray[np.bool_]:
-        """Which samples (n,) are at least `settle` (s) later than the first; all where none is."""
-        later = np.array(self.times) - self.times[0] >= settle
-        return later if later.any() else np.ones(len(later), bool)
+    def settled(self, quantity: str, settle: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times (n,) and values (n,) of a quantity from `settle` (s) after the first sample on; all where none is so late."""
+        times, values = np.array(self.times), self.column(quantity)
+        later = times - times[0] >= settle
+        return (times[later], values[later]) if later.any() else (times, values)
 
     def growth(self, quantity: str, settle: float) -> float:
         """Median of a quantity over the last minute less that over the first after `settle` (s)."""
-        chosen = self.settled(settle)
-        times, values = np.array(self.times)[chosen], self.column(quantity)[chosen]
+        times, values = self.settled(quantity, settle)
         return float(np.median(values[times >= times[-1] - WINDOW_S]) - np.median(values[times <= times[0] + WINDOW_S]))
 
     def span(self, quantity: str, settle: float) -> tuple[int, int]:
@@ -82,9 +82,9 @@ class ProcessHistory:
 
         A file that is open for a moment, such as that of the heartbeat, is none that stays open.
         """
-        chosen = self.settled(settle)
-        elapsed, values = np.array(self.times)[chosen] - np.array(self.times)[chosen][0], self.column(quantity)[chosen]
-        minutes = np.minimum(elapsed // WINDOW_S, max(elapsed[-1] // WINDOW_S - 1.0, 0.0))  # of 60 to 120 s the last
+        times, values = self.settled(quantity, settle)
+        minutes = (times - times[0]) // WINDOW_S
+        minutes = np.minimum(minutes, max(minutes[-1] - 1.0, 0.0))  # the last one has 60 to 120 s
         least = [values[minutes == minute].min() for minute in np.unique(minutes)]
         return int(min(least)), int(max(least))
 
@@ -184,8 +184,7 @@ def format_histories(histories: Sequence[ProcessHistory], limits: Limits, end: f
     lines = [f'{"process":<22}{"resident":>10}{"growth":>9}{"private":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict',
              f'{"":<22}{"MiB":>10}{"MiB":>9}{"MiB":>10}{"MiB":>9}']
     for one in histories:
-        settled = one.settled(limits.settle)
-        first = {name: float(np.median(one.column(name)[settled][:5])) for name in ('resident', 'private')}
+        first = {name: float(np.median(one.settled(name, limits.settle)[1][:5])) for name in ('resident', 'private')}
         memory = ''.join(f'{first[name]:10.1f}{one.growth(name, limits.settle):+9.2f}' for name in first)
         counts = [_range(*one.span(name, limits.settle)) for name in ('threads', 'descriptors')]
         verdict = ', '.join(one.faults(limits, end)) or 'holds'
