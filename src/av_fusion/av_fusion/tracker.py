@@ -87,7 +87,7 @@ class MultiTargetTracker:
                                                 self.settings.filter.sound_floor_sigma, self.motion)
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
         self._targets = Targets(0.0)
-        self._visibility, self._view = math.nan, NO_CAMERA  # of the newest image
+        self._view = NO_CAMERA  # of the newest image
         self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
 
     @property
@@ -104,7 +104,7 @@ class MultiTargetTracker:
         if self.settings.gimbal:
             self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell)
         self._targets = Targets(0.0)
-        self._visibility, self._view = math.nan, NO_CAMERA
+        self._view = NO_CAMERA
         self._mirror_axis = None
 
     def add_pose(self, pose: Pose) -> None:
@@ -140,9 +140,7 @@ class MultiTargetTracker:
             return
         time = usable.time - self.settings.sight_delay
         self._reset_after_gap(time)
-        self._visibility = usable.visibility
-        known = usable.visibility if math.isfinite(usable.visibility) else 0.0
-        self._view = View(math.atan2(usable.view[1][0], usable.view[0][0]), usable.half_view, known)
+        self._view = View(math.atan2(usable.view[1][0], usable.view[0][0]), usable.half_view, usable.visibility)
         # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         self._calibration.see(time, usable.best if len(seen) < 2 else None)
@@ -176,7 +174,7 @@ class MultiTargetTracker:
             state=state, source=source, reason=self.machine.reason, changed=self.machine.changed,
             requested_rotation=self._plan_rotation(time, unresolved), look=self._plan_look(time, state, unresolved),
             sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
-            visibility=self._visibility)
+            visibility=self._view.visibility)
 
     @staticmethod
     def _is_judged(time: float, target: Target, tracks: Mapping[int, FilterTrack]) -> bool:
@@ -189,7 +187,7 @@ class MultiTargetTracker:
         state = self.machine.step(time, False, _why_not_followed(found))
         return Track(time, state, self.machine.reason, self.machine.changed, attitude_known=self.motion.is_known(time),
                      sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
-                     visibility=self._visibility)
+                     visibility=self._view.visibility)
 
     def targets(self, track: Track) -> Targets:
         """See `Tracker`."""
@@ -278,7 +276,7 @@ class MultiTargetTracker:
         visits = self.settings.visits and len(tracks) > 1
         followed = 0 if visits else self._targets.selected
         wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == followed]
-        visibility = (self._visibility if math.isfinite(self._visibility)
+        visibility = (self._view.visibility if math.isfinite(self._view.visibility)
                       else max(self.settings.filter.assumed_visibility, UNKNOWN))
         visible, look = visibility * self.settings.filter.detection_probability, None
         if not wanted or (state == State.VISUAL_ACTIVE and not visits):

@@ -111,7 +111,7 @@ class View(NamedTuple):
     Parameters:
         azimuth (rad): of its axis, from the rig's heading.
         half_view (rad): half of its field of view.
-        visibility: 0..1; 0 while unknown.
+        visibility: 0..1, NaN if unknown.
     """
 
     azimuth: float
@@ -119,7 +119,7 @@ class View(NamedTuple):
     visibility: float
 
 
-NO_CAMERA = View(0.0, 0.0, 0.0)
+NO_CAMERA = View(0.0, 0.0, math.nan)
 
 
 class RotationPlanner:
@@ -267,7 +267,8 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
              + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     in_view = (np.cos(course - view.azimuth) > math.cos(view.half_view)).any(axis=1, keepdims=True)
-    information = acoustic + SIGHT_NATS * view.visibility * np.logical_or.accumulate(in_view, axis=-1)
+    visibility = view.visibility if math.isfinite(view.visibility) else 0.0
+    information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
     needed = math.log(settings.needed_odds) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear
