@@ -246,12 +246,6 @@ def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
 
-@pytest.mark.parametrize('old, new', [('own_noise', 'ego_noise'), ('own_rotor_blades', 'ego_rotor_blades')])
-def test_old_names_of_parameters_are_refused_with_the_new_one(rig, old, new):
-    with pytest.raises(ValueError, match=f'{old} is now named {new}'):
-        rig.add(DoaNode, **{old: 1})
-
-
 def test_a_recording_of_the_rig_alone_that_does_not_fit_is_reported(rig, tmp_path, array_file):
     """When the file is missing, and when its rate is not that of the stream."""
     rig.add(DoaNode, array_file=array_file, ego_noise=str(tmp_path / 'alone.wav'))

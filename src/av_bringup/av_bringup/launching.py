@@ -75,8 +75,6 @@ REPORT_ARGUMENTS: Declarations = {
     name: ('', f'report targets: {text}; empty: none. Needs {REPORT_PACKAGE}: docs/guides/reports.md', None)
     for name, _, text, _ in REPORTS}
 
-RENAMED_ARGUMENTS = {'voice': 'drone_recording'}    # ROS ignores an argument that it does not know
-
 
 class MissingPackageError(RuntimeError):
     """A package that a launch argument needs is not installed."""
@@ -126,9 +124,6 @@ def check_names(context: LaunchContext, declarations: Declarations) -> None:
     The command line is only checked where it names this file: a launch file of others, which includes it, has arguments of its
     own.
     """
-    for old, new in RENAMED_ARGUMENTS.items():
-        if old in context.launch_configurations:
-            raise ValueError(f'{old}:= is now named {new}:=')
     file = Path(context.get_locals_as_dict().get('current_launch_file_path', ''))    # none where a program runs the description
     named = any(Path(word).name == file.name and (Path(word).resolve() == file.resolve() or package == file.parent.parent.name)
                 for package, word in pairwise(sys.argv))

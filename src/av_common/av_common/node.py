@@ -32,7 +32,7 @@ from rclpy.timer import Timer
 
 from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
 from av_common.parameter_node import ParameterNode
-from av_common.parameter_rules import ParameterError, RenamedParameterError
+from av_common.parameter_rules import ParameterError
 from av_common.publishers import PERIOD_S, Publishers
 from av_common.refused_inputs import STRICT_VARIABLE
 
@@ -41,7 +41,7 @@ try:  # uses a third of the processor time of SingleThreadedExecutor at the rate
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RenamedParameterError', 'RigNode', 'run')
+__all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RigNode', 'run')
 RETRY_S = 2.0
 FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
@@ -72,7 +72,7 @@ class RigNode(ParameterNode):
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
     Raises ParameterError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException, for parameters that
-    are given by an old name (RENAMED_PARAMETERS), of a wrong type, out of bounds, or contradict each other.
+    are of a wrong type, out of bounds, or contradict each other.
     """
 
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
@@ -275,7 +275,7 @@ def _finish_on_signal(signals: socket.socket, node: RigNode) -> None:
 def run(node_class: Callable[[], RigNode]) -> None:
     """Run a node until it is interrupted: the body of each node's `main`.
 
-    Exits with 1 and one line in the log when parameters are out of bounds, of a wrong type, or given by an old name.
+    Exits with 1 and one line in the log when parameters are out of bounds or of a wrong type.
 
     SIGINT, SIGTERM and SIGHUP (unless it is ignored, as under `nohup`) let the callback in progress finish and the node
     deactivate, with its publishers still alive.

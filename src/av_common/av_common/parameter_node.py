@@ -6,17 +6,12 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from lifecycle_msgs.msg import State
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.time_source import USE_SIM_TIME_NAME
 
 from av_common.guarded_node import GuardedNode
-from av_common.parameter_rules import (
-    ParameterError,
-    check_former,
-    check_together,
-    check_value,
-)
+from av_common.parameter_rules import ParameterError, check_together, check_value
 
 __all__ = ('WHEN_CONFIGURED', 'ParameterNode')
 
@@ -32,20 +27,14 @@ class ParameterNode(GuardedNode):
         parameters: the class that generate_parameter_library made of the description, or None.
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
-    Raises RenamedParameterError, RemovedParameterError, or rclpy's InvalidParameterTypeException or
-    InvalidParameterValueException.
+    Raises rclpy's InvalidParameterTypeException or InvalidParameterValueException.
     """
 
-    # Names that parameters had in earlier versions, and the names that they have now.
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
-    # Those that are no more, and what holds instead; names that other nodes have are not listed, as `/**` sets them all.
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {}
     # Parameters that `apply_parameters` applies at run time. All others take effect when the node is configured.
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        check_former(self.RENAMED_PARAMETERS, self.REMOVED_PARAMETERS, self._is_given)
         self._parameter_listener: Any = parameters.ParamListener(self) if parameters else None
 
     @property
@@ -118,9 +107,3 @@ class ParameterNode(GuardedNode):
     @property
     def _is_configured(self) -> bool:
         return self._state_machine.current_state[0] in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
-
-    def _is_given(self, name: str) -> bool:
-        """Whether a file, the launch or the command line sets a parameter that the node does not have."""
-        given = self.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
-        self.undeclare_parameter(name)
-        return given is not None

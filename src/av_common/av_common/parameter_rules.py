@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 LONGEST_TEXT, LONGEST_LIST = 4096, 1024  # characters of a text, elements of a list
@@ -11,36 +11,6 @@ LONGEST_TEXT, LONGEST_LIST = 4096, 1024  # characters of a text, elements of a l
 
 class ParameterError(ValueError):
     """Parameters that cannot be used; the message names the parameter, its value and what is expected."""
-
-
-class RenamedParameterError(ParameterError):
-    """A parameter is given by a name that it no longer has; the message names the old and the new name."""
-
-    def __init__(self, old: str, new: str) -> None:
-        super().__init__(f'the parameter {old} is now named {new}')
-
-
-class RemovedParameterError(ParameterError):
-    """A parameter is given that there no longer is; the message names it and says what holds instead."""
-
-    def __init__(self, name: str, instead: str) -> None:
-        super().__init__(f'the parameter {name} is gone: {instead}')
-
-
-def check_former(renamed: Mapping[str, str], removed: Mapping[str, str], is_given: Callable[[str], bool]) -> None:
-    """Raise RenamedParameterError or RemovedParameterError for a parameter of an earlier version that is given.
-
-    Parameters:
-        renamed: former names, and present ones.
-        removed: former names, and what holds instead.
-        is_given: whether a parameter is given.
-    """
-    for name, new in renamed.items():
-        if is_given(name):
-            raise RenamedParameterError(name, new)
-    for name, instead in removed.items():
-        if is_given(name):
-            raise RemovedParameterError(name, instead)
 
 
 def check_value(name: str, value: Any) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from av_common.files import nearest, shown
 from av_common.node import RigNode
 from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
-from av_common.parameter_rules import ParameterError, check_former, check_together, check_value
+from av_common.parameter_rules import ParameterError, check_together, check_value
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
@@ -30,8 +30,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
         overrides: values by names with dots, which win over all files.
         namespace: the node's namespace, which sections of files may name.
 
-    Raises ValueError that names the parameter, RenamedParameterError or RemovedParameterError for one of an earlier version,
-    OSError for an unreadable file.
+    Raises ValueError that names the parameter, OSError for an unreadable file.
     """
     given: dict[str, Any] = {}
     files: dict[str, str] = {}
@@ -42,7 +41,6 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     for name, value in (overrides or {}).items():
         given[name], files[name] = value, ''
     node_class = _node_class(package, node)
-    check_former(node_class.RENAMED_PARAMETERS, node_class.REMOVED_PARAMETERS, given.__contains__)
     generated = getattr(_own_module(f'{package}.nodes.{node}_parameters'), node)
     try:
         parameters = generated.ParamListener(_Declarations(node, given, files)).get_params()
@@ -83,8 +81,7 @@ def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
         known = {name for module in programs for name in parameter_names(module)}
         for name in parameters:
             if name not in known and not name.startswith(QOS_OVERRIDES):
-                now = _former(programs).get(name) or f'the nearest is {nearest(name, known)}'
-                mistakes.append(f'{path} has no parameter {name}, {now}')
+                mistakes.append(f'{path} has no parameter {name}, the nearest is {nearest(name, known)}')
     if mistakes:
         raise ValueError(f'parameter file {file}: {"; ".join(mistakes)}')
     return [f'parameter file {file}: {note}' for note in notes]
@@ -107,18 +104,6 @@ def parameter_names(module: str) -> frozenset[str]:
     with suppress(ModuleNotFoundError):    # a node without parameters of its own
         getattr(_own_module(f'{module}_parameters'), name).ParamListener(declarations)
     return declarations.names | frozenset(COMMON)
-
-
-def _former(modules: Iterable[str]) -> dict[str, str]:
-    """What became of the parameters of earlier versions, of some nodes."""
-    found: dict[str, str] = {}
-    for module in modules:
-        with suppress(ImportError):    # of what a node needs; it will say so itself
-            package, _, node = module.partition(NODES)
-            of = _node_class(package, node)
-            found |= {name: f'it is now named {now}' for name, now in of.RENAMED_PARAMETERS.items()}
-            found |= {name: f'it is gone: {instead}' for name, instead in of.REMOVED_PARAMETERS.items()}
-    return found
 
 
 def _meant_by(path: str, nodes: Collection[str]) -> str:

@@ -157,33 +157,6 @@ def test_a_node_that_is_shut_down_ends_its_process():
     rclpy.shutdown(context=context)
 
 
-RENAMED = """
-from av_common.node import RigNode, run
-
-class Tracker(RigNode):
-    RENAMED_PARAMETERS = {'recall': 'detection_probability'}
-    REMOVED_PARAMETERS = {'patience': 'it is 2 s'}
-    def __init__(self):
-        super().__init__('tracker')
-
-run(Tracker)
-"""
-
-
-@pytest.mark.parametrize('how', ['command line', 'file'])
-@pytest.mark.parametrize(('name', 'words'), [('recall', 'recall is now named detection_probability'),
-                                             ('patience', 'patience is gone: it is 2 s')])
-def test_a_parameter_of_an_earlier_version_ends_the_node(how, name, words, tmp_path):
-    """Exit code 1 and one line with what holds now, whether a file or the command line gives it."""
-    file = tmp_path / 'params.yaml'
-    file.write_text(f'/**:\n  ros__parameters: {{{name}: 0.5}}\n')
-    given = ['-p', f'{name}:=0.5'] if how == 'command line' else ['--params-file', str(file)]
-    result = subprocess.run([sys.executable, '-c', RENAMED, '--ros-args', *given], capture_output=True, text=True,
-                            timeout=60.0, env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain())})
-    assert result.returncode == 1
-    assert result.stderr.count('\n') == 1 and f'parameter {words}' in result.stderr
-
-
 def test_now_is_the_nodes_clock_in_seconds(executor):
     """Wall time here, simulated time with use_sim_time."""
     node = RigNode('clock', parameter_overrides=[Parameter('autostart', value=False)])

@@ -46,8 +46,7 @@ from av_common import parameters
 from av_common.node import RigNode
 
 class Tracker(RigNode):
-    RENAMED_PARAMETERS = {'recall': 'detection_probability', 'rotation.wait': 'rotation.patience'}
-    REMOVED_PARAMETERS = {'rotation.patient': 'it always is'}
+    pass
 """
 
 
@@ -146,13 +145,10 @@ def test_without_files_there_are_the_defaults(context):
     ('/**: {ros__parameters: {limits: [1.0]}}', 'limits'),
     ('/**: {ros__parameters: {count: true}}', 'count is True, expected integer'),
     ('/**: {ros__parameters: {rotation: {enabled: 1}}}', r'rotation\.enabled is 1, expected bool'),
-    ('/**: {ros__parameters: {recall: 0.5}}', 'recall is now named detection_probability'),
-    ('tracker: {ros__parameters: {rotation: {wait: 0.5}}}', r'rotation\.wait is now named rotation\.patience'),
-    ('tracker: {ros__parameters: {rotation: {patient: true}}}', r'rotation\.patient is gone: it always is'),
     ('just words', 'expected NODE: ros__parameters: NAME: VALUE'),
 ])
 def test_wrong_parameters_are_named(tmp_path, text, complaint):
-    """Types, bounds, choices, old names, and files that are none."""
+    """Types, bounds, choices, and files that are none."""
     (tmp_path / 'params.yaml').write_text(text)
     with pytest.raises(ValueError, match=complaint):
         node_parameters('toy', 'tracker', [tmp_path / 'params.yaml'])
@@ -231,7 +227,6 @@ def suite(monkeypatch):
      'no parameter rotation.patiense, the nearest is rotation.patience'),
     ('/**/tracker: {ros__parameters: {patience: 1.0}}', 'no parameter patience, the nearest is rotation.patience'),
     ('/**: {ros__parameters: {use_sim_tyme: true}}', '/** has no parameter use_sim_tyme, the nearest is use_sim_time'),
-    ('/**/tracker: {ros__parameters: {rotation.wait: 1.0}}', 'no parameter rotation.wait, it is now named rotation.patience'),
     ('/left/looker: {ros__parameters: {tau: 1.0}}', '/left/looker has no parameter tau')])
 def test_sections_and_names_that_would_have_no_effect_are_named_with_the_nearest(tmp_path, suite, sections, mistake):
     file = tmp_path / 'params.yaml'

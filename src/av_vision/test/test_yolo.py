@@ -84,12 +84,6 @@ def test_a_padding_that_is_none_is_refused(tmp_path, padding):
         Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'padding': padding}))
 
 
-@pytest.mark.parametrize(('old', 'new'), [('margin', 'padding'), ('evidence', 'score_fusion')])
-def test_metadata_under_an_old_name_are_refused_with_the_new(tmp_path, old, new):
-    with pytest.raises(ModelError, match=f'{old}, which is now named {new}'):
-        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {old: '[20, 18]'}))
-
-
 @pytest.mark.parametrize(('near', 'twice'), [(128, True), (160, False)])
 def test_large_objects_are_searched_in_a_smaller_copy(tmp_path, near, twice):
     answer = yolo_models.rows_of('v8', 416, 3, truth=((10, 10, 50, 40, 1, 0.9), (200, 200, 210, 212, 0, 0.6)))[None]

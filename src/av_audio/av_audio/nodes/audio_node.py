@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -25,8 +25,6 @@ BUFFER_BYTES, SAMPLE_BYTES = 200_000, 4  # of the buffer between the capturing t
 
 class AudioNode(RigNode):
     """Publishes `audio/frames`. The capturing thread fills a ring buffer and never waits for the publisher."""
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'block': 'it is 1600', 'buffer_bytes': 'the buffer holds two blocks'}
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('audio_node', parameters, **kwargs)

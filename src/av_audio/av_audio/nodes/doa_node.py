@@ -26,14 +26,6 @@ SILENT_S = 1.0
 class DoaNode(RigNode):
     """Subscribes to `audio/frames` and publishes `doa`. Frames that do not fit are refused."""
 
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'own_noise': 'ego_noise', 'own_rotor_blades': 'ego_rotor_blades'}
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'wideband': 'method ml always uses phases above the band',
-        **dict.fromkeys(('ego_rotors', 'own_rotors'), 'ego_rotor_blades alone notches at motor_speeds, 0 nothing'),
-        **dict.fromkeys(('ego_rotor_count', 'own_rotor_count'),
-                        'rotors are no longer estimated from the sound: record them (ego_noise)')}
-
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
         'method', 'window', 'hop', 'band_low', 'band_high', 'max_sources', 'temperature', 'elevation_min_deg',
         'elevation_max_deg'})

@@ -48,7 +48,6 @@ class PlayerNode(RigNode):
     """
 
     RUNTIME_PARAMETERS: ClassVar = frozenset({'position', 'bag'})
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'wait_timeout': 'it is 30 s', 'clock_rate': 'it is 100 Hz'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('player_node', parameters, **kwargs)

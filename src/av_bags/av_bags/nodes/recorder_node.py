@@ -5,7 +5,6 @@ from __future__ import annotations
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -34,8 +33,6 @@ class RecorderNode(RigNode):
 
     Each activation begins a bag, from the second one on with a number.
     """
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'jpeg_quality': 'it is 95'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('recorder_node', parameters, **kwargs)

@@ -9,7 +9,7 @@ import time as wall
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
@@ -40,8 +40,6 @@ MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their c
 
 class MonitorNode(RigNode):
     """Subscribes to the rig's topics, logs them and prints figures; publishes nothing."""
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'max_hours': 'it is 2'}
 
     def __init__(self) -> None:
         super().__init__('monitor_node', parameters)

@@ -35,16 +35,6 @@ POSTERIOR_PERIOD_S = 0.1
 class FusionNode(RigNode):
     """Runs a `FusionStage`."""
 
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'decide_probability': 'confirm_threshold', 'recall': 'detection_probability',
-        'refinement.enabled': 'self_calibration', 'self_calibration.enabled': 'self_calibration',
-        'rotation.enabled': 'rotation', 'targets.policy': 'policy', 'targets.types': 'types', 'look.visits': 'visits'}
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys((
-        'acceleration_density', 'fixed_emitters.enabled', 'fixed_emitters.learn_after', 'look.dwell', 'look.enabled',
-        'min_sound_confidence', 'rate_sigma_deg', 'rotation.fixed_deg', 'rotation.patience', 'rotation.sector_deg',
-        'self_calibration.memory', 'sight_timeout', 'sound_timeout', 'targets.acceleration_density'), 'it is a constant') | {
-            'hysteresis': 'it is 0, as published', 'dwell': 'it is 0, as published'}
-
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'tau', 'confirm_threshold'})
 
     def __init__(self) -> None:

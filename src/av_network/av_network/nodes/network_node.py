@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,11 +31,6 @@ SILENT_S = 3.0  # after which a rig is reported as silent
 
 class NetworkNode(RigNode):
     """Subscribes to the reports of each rig and publishes `tracks`. Runs a `NetworkStage`."""
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'report_period': 'it is 0.2 s', 'wait': 'it is 1 s',
-        **dict.fromkeys(('manoeuvre', 'manoeuvre_time', 'climb_share', 'velocity_memory', 'memory_speed', 'rig_manoeuvre',
-                         'most_distance'), 'it is that of NetworkSettings')}
 
     def __init__(self) -> None:
         super().__init__('network_node', parameters)

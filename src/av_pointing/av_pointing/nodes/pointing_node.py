@@ -37,10 +37,6 @@ DRAINED_S = 0.5  # after a pause, in which requests that waited are answered
 class PointingNode(RigNode):
     """Runs a `PointingStage`."""
 
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'vehicle_dead_time': 'it is learned', 'vehicle_lag': 'it is learned',
-        **dict.fromkeys(('search_rate_deg', 'dead_band_deg', 'lead', 'stale_after', 'coast_sigma_deg'), 'it is a constant')}
-
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'gimbal_rate_deg', 'yaw_rate_deg'})
 
     def __init__(self) -> None:

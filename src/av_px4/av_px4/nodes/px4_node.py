@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -51,12 +51,6 @@ LAST_SENT, LAST_PERIOD_S = 3, 0.02
 
 class Px4Node(RigNode):
     """Topics, timers and diagnostics of Px4Stage, which makes all decisions."""
-
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'simulator_port': 'follow_odometry, of bridge_node', 'simulator_host': 'control_host, of bridge_node'}
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys((
-        'external_mode_name', 'gimbal.ack_timeout', 'gimbal.acceleration_deg', 'body.acceleration_deg', 'timeouts.attitude',
-        'timeouts.bearing', 'timeouts.command', 'timeouts.position', 'timeouts.status'), 'it is a constant')
 
     def __init__(self) -> None:
         super().__init__('px4_node', parameters)

@@ -33,17 +33,6 @@ class ReportNode(RigNode):
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'only_drones'})
 
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'tracker': 'it is fusion_node', 'min_existence': 'targets of an existence of 0.5 or more are reported',
-        'unresolved': 'what may be in front or behind is not reported', 'surveyed.sigma': 'it is 5 m',
-        'max_age': 'it is 2 s', 'place_age': 'it is 10 s',
-        'sapient.name': 'it is audio-visual rig', 'sapient.status_interval': 'it is 10 s', 'sapient.rate': 'it is 2 Hz',
-        'cot.callsign': "it is the rig's namespace, rig without one", 'cot.target_type': 'it is a-u-A-M-H-Q',
-        'cot.rig_type': 'it is a-f-G-E-S', 'cot.stale': 'it is 10 s', 'cot.rig_stale': 'it is 120 s',
-        'cot.interval': 'it is 1 s', 'cot.sensor_range': 'it is 500 m', 'log.max_megabytes': 'it is 500',
-        'cot.multicast_interface': "the system's routes decide", **dict.fromkeys(
-            ('traffic.enabled', 'traffic.geoid_height', 'traffic.topic'), 'targets are not told to PX4')}
-
     def __init__(self) -> None:
         super().__init__('report_node', parameters)
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -36,9 +36,6 @@ STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # streams that are 
 
 class BridgeNode(RigNode):
     """Receives datagrams on one thread for each port, publishes the stage's messages, and reports missing streams."""
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'ring_buffer_bytes': 'it is 200000', 'socket_buffer_bytes': 'it is 4194304', 'stale_after': 'it is 1 s'}
 
     def __init__(self) -> None:
         super().__init__('bridge_node', parameters)

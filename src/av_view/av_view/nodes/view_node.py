@@ -8,7 +8,7 @@ import os
 import time
 from functools import partial, update_wrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -49,11 +49,6 @@ class ViewNode(RigNode):
     Parameters:
         owns_process: whether nothing else is in this process, so that its priority and its garbage collection can be set.
     """
-
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'most_updates': 'it is 200 Hz', 'most_viewers': 'it is 100, and 20 with the token', 'jpeg_quality': 'it is 70',
-        'linger': 'it is 20 s', 'niceness': 'it is 10', 'picture_width': 'it is 640',
-        'foxglove_port': 'run foxglove_bridge'}
 
     def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)

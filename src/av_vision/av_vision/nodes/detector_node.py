@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, ClassVar
+from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -36,10 +36,6 @@ class DetectorNode(RigNode):
     The stage runs in a separate thread; images that arrive meanwhile replace each other and are counted as dropped.
     `visibility` is published for some of the images, the debug image `detections/image` only while it has subscribers.
     """
-
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {'still': 'temporal_fusion'}
-    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'nms_iou': 'it is 0.5', 'nms_nested': 'it is 0.6', 'max_detections': 'it is 50', 'track_gap': 'it is 1 s'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('detector_node', parameters, **kwargs)

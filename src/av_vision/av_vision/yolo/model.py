@@ -19,7 +19,6 @@ from av_vision.yolo.layout import LAYOUTS, TABLE_COLUMNS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 from av_vision.yolo.rows import LayoutError, RowReader
 
-RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
 MOST_BYTES = 500_000_000
 MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
 LONGEST = 8192                 # pixels of a side of the input
@@ -52,7 +51,6 @@ class Model:
         self.path = Path(path).expanduser()
         self.session = open_session(self.path, providers, threads, folded=False)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
-        self._refuse_renamed_metadata()
         self._input = self._check_input()
         self.dtype = FLOATS[self._input.type]
         batch, _, *size = self._input.shape
@@ -140,11 +138,6 @@ class Model:
         if not 32 <= wanted <= LONGEST or wanted % 32:
             raise ModelError(f'{self.path}: input_size is {wanted}, expected a multiple of 32, at most {LONGEST}')
         return wanted
-
-    def _refuse_renamed_metadata(self) -> None:
-        for old, new in RENAMED_METADATA.items():
-            if old in self.metadata:
-                raise ModelError(f'{self.path} has the metadata {old}, which is now named {new}: write it under that name')
 
     def _box_padding(self) -> NDArray[np.float32]:
         given = self.metadata.get('padding', '[0, 0]')
