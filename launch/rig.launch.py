@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from dataclasses import asdict
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -164,13 +163,10 @@ def simulator(arguments: Arguments) -> list[ExecuteProcess]:
 def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     """The bridge from a simulator's UDP streams, and the detector unless the oracle stands in for it."""
     require(f'source:={arguments["source"]}', 'av_sim_bridge')
-    from av_sim_bridge.wire.ports import Ports  # only where the bridge is installed
-
-    ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     oracle = arguments['oracle'] == 'true'
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': oracle,
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
-                  **{f'{name}_port': port for name, port in ports.items()}}
+                  'port_offset': int(arguments['port_offset'])}
     if arguments['source'] == 'udp':    # the built-in simulator is on this machine
         parameters |= {'bind_address': arguments['bind_address'], 'control_host': arguments['control_host']}
         if arguments['allowed_senders']:

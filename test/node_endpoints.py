@@ -36,9 +36,9 @@ ARRAY = str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
 # Parameters with which a node has everything that it can have, in one or several runs.
 VARIANTS: dict[str, list[dict]] = {
     'audio_node': [{'file': '{folder}/sound.wav'}],
-    'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'depth_port': 9998, 'targets': 2},
+    'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'targets': 2},
                     {'rig_file': RIG_GIMBAL, 'follow_odometry': True},
-                    {'rig_file': RIG_TWO_CAMERAS, 'oracle_detections': True, 'second_image_port': 9996}],
+                    {'rig_file': RIG_TWO_CAMERAS, 'oracle_detections': True}],
     'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
     'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
     'doa_node': [{'array_file': ARRAY, 'ego_rotor_blades': 2}],

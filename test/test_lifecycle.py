@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 import threading
 from pathlib import Path
@@ -17,6 +16,7 @@ import soundfile
 from bag_messages import flight
 from rclpy.lifecycle import TransitionCallbackReturn
 from ros_domains import free_domain
+from udp_ports import free_offset
 
 from av_common.node import RigNode
 
@@ -32,11 +32,9 @@ def parameters(node: str, folder: Path) -> dict[str, object]:
     """What a node needs to become active."""
     sound = folder / 'sound.wav'
     soundfile.write(sound, np.zeros((4800, 2)), 48000)
-    ports = ('audio', 'image', 'depth', 'rig_truth', 'target_truth', 'imu', 'time_sync')
     return {
         'audio_node': {'file': sound},
-        'bridge_node': {'rig_file': RIG} | {f'{name}_port': 20000 + os.getpid() % 20000 + 40 * i
-                                            for i, name in enumerate(ports)},
+        'bridge_node': {'rig_file': RIG, 'port_offset': free_offset()},
         'camera_node': {'file': ROOT / 'docs' / 'images' / 'demo.png'},
         'detector_node': {'threads': 1},
         'doa_node': {'array_file': ARRAY},

@@ -28,11 +28,12 @@ def test_without_a_simulator_the_rig_says_what_is_missing(port_offset):
     assert not rig.leftovers()
 
 
-@pytest.mark.parametrize(('blocked', 'complaint'), [('audio', 'no doa'), ('image', 'no detections')])
-def test_one_modality_suffices_for_a_bearing(blocked, complaint, port_offset, tmp_path):
+@pytest.mark.parametrize(('node', 'complaint'), [('doa_node', 'no doa'), ('bridge_node', 'no detections')])
+def test_one_modality_suffices_for_a_bearing(node, complaint, port_offset, tmp_path):
     """Without sound or without images, the other modality provides the bearing."""
     parameters = tmp_path / 'elsewhere.yaml'
-    parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + port_offset}\n')
+    silent = {'doa_node': 'autostart: false', 'bridge_node': 'oracle_detections: false'}[node]
+    parameters.write_text(f'/**/{node}:\n  ros__parameters:\n    {silent}\n')
     rig = RigProcess('scenario:=circle', 'oracle:=true', f'params:={parameters}', f'port_offset:={port_offset}')
     rig.wait_for(complaint)
     rig.wait_for(r'deg \+-')

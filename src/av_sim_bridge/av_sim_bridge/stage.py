@@ -45,38 +45,31 @@ from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
+RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
+RIG, FIRST_TARGET = 1, 2    # numbers of the vehicles, as of the ports of their true states (wire/ports.py)
+WORLD_FRAME = 'map'    # REP-105
 Output = tuple[str, Any]    # topic and message
 
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Numbers of the vehicles, and options of the topics.
+    """Number of targets, and options of the topics.
 
     Parameters:
-        rig_id: number of the rig in the simulator.
-        target_id: number of the first target.
-        targets: number of targets, whose numbers are consecutive from `target_id`.
-        world_frame: frame of positions (ENU) in odometry and truth.
+        targets: number of targets, whose numbers are consecutive from `FIRST_TARGET` on.
         follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
         oracle_detections: whether the visual oracle's reports become `detections`.
-        ring_buffer_bytes (bytes): size of the buffer between `on_audio` and `read_audio`.
-        max_image_pixels: maximum number of pixels of an image; 0 for twice as many as the rig's camera has.
     """
 
-    rig_id: int = 1
-    target_id: int = 2
     targets: int = 1
-    world_frame: str = 'map'
     follow_odometry: bool = False
     oracle_detections: bool = False
-    ring_buffer_bytes: int = 200_000
-    max_image_pixels: int = 0
 
     @property
     def target_topics(self) -> dict[int, str]:
         """Topic of each target's true state, by the target's number."""
-        others = range(self.target_id + 1, self.target_id + self.targets)
-        return {self.target_id: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
+        others = range(FIRST_TARGET + 1, FIRST_TARGET + self.targets)
+        return {FIRST_TARGET: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
 
 
 class BridgeStage:
@@ -88,21 +81,21 @@ class BridgeStage:
     Parameters:
         rig: description of the rig: microphones, camera and frames.
         layout: format of the samples in audio datagrams.
-        settings: numbers of the vehicles, and options of the topics.
+        settings: number of targets, and options of the topics.
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
         self.rig, self._layout, self._settings = rig, layout, settings
         self._clock = CommonClock()
-        self._ring = RingBuffer(layout.channels, settings.ring_buffer_bytes, layout.dtype)
+        self._ring = RingBuffer(layout.channels, RING_BUFFER_BYTES, layout.dtype)
         stamps = CaptureStamps()
         self._audio = AudioStream(layout, self._ring, self._clock)
-        self._most_pixels = settings.max_image_pixels or 2 * max(each.width * each.height for each in rig.cameras.values())
+        self._most_pixels = 2 * max(each.width * each.height for each in rig.cameras.values())
         most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
         self._images = {camera: ImageStream(self._clock, stamps, camera, most_bytes) for camera in rig.cameras}
         self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
         self.target_topics = settings.target_topics
-        names = {settings.rig_id: 'rig_truth'} | {
+        names = {RIG: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
@@ -166,8 +159,8 @@ class BridgeStage:
         state = self._truth.take(datagram, arrival, sender)
         if state is None:
             return []
-        header = messages.make_header(state.stamp, self._settings.world_frame)
-        if state.copter_id == self._settings.rig_id:
+        header = messages.make_header(state.stamp, WORLD_FRAME)
+        if state.copter_id == RIG:
             message = messages.odometry_message(header, self.rig.base_frame, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
@@ -219,7 +212,7 @@ class BridgeStage:
     def on_odometry(self, odometry: Odometry) -> bytes | None:
         """The datagram of the rig's pose for the simulator's control port; None for an impossible pose, which is counted."""
         try:
-            truth = to_truth(messages.vehicle_state(odometry), self._settings.rig_id)
+            truth = to_truth(messages.vehicle_state(odometry), RIG)
             check_truth(truth)
         except ValueError:
             self._unusable_odometry += 1

@@ -1,6 +1,5 @@
 """A bridge node under test, with a listener to all that it publishes."""
 
-import dataclasses
 import time
 from pathlib import Path
 
@@ -25,12 +24,10 @@ TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAG
 
 
 class BridgeRig:
-    """A bridge node on the given ports and a listener; `received` holds the messages of each topic."""
+    """A bridge node with an offset of its ports, and a listener; `received` holds the messages of each topic."""
 
-    def __init__(self, ports, depth_port=0):
-        numbers = dataclasses.asdict(ports) | {'depth': depth_port}
-        settings = {f'{name}_port': port for name, port in numbers.items()} | {
-            'rig_file': RIG, 'oracle_detections': True, 'targets': 2}
+    def __init__(self, offset):
+        settings = {'port_offset': offset, 'rig_file': RIG, 'oracle_detections': True, 'targets': 2}
         arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
         rclpy.init(args=['--ros-args', *arguments])
         self.node, self.listener = BridgeNode(), rclpy.create_node('listener')

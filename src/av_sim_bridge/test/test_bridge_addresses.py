@@ -9,11 +9,11 @@ pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs 
 
 from bridge_rig import RIG  # noqa: E402
 from diagnostic_updater import DiagnosticStatusWrapper  # noqa: E402
-from udp_ports import free_ports  # noqa: E402
+from udp_ports import free_offset  # noqa: E402
 
-from av_common.node import ParameterError  # noqa: E402
 from av_sim_bridge.nodes.bridge_node import BridgeNode  # noqa: E402
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle  # noqa: E402
+from av_sim_bridge.wire.ports import Ports  # noqa: E402
 
 pytestmark = pytest.mark.system
 
@@ -24,12 +24,11 @@ def make_node():
     nodes = []
 
     def make(**parameters):
-        ports = free_ports()
-        settings = {f'{name}_port': port for name, port in vars(ports).items()} | {
-            'rig_file': RIG, 'oracle_detections': 'true', 'autostart': 'false', **parameters}
+        offset = free_offset()
+        settings = {'port_offset': offset, 'rig_file': RIG, 'oracle_detections': 'true', 'autostart': 'false', **parameters}
         rclpy.init(args=['--ros-args', *(text for name, value in settings.items() for text in ('-p', f'{name}:={value}'))])
         nodes.append(BridgeNode())
-        return nodes[-1], ports
+        return nodes[-1], Ports().shifted(offset)
 
     yield make
     for node in nodes:
@@ -50,26 +49,11 @@ def test_addresses_that_contradict_each_other_are_refused(make_node, parameters,
     assert complaint in node._problem
 
 
-@pytest.mark.parametrize(('parameters', 'complaint'), [
-    ({'imu_port': 28003, 'audio_port': 28003}, 'imu_port is 28003, as is audio_port'),
-    ({'depth_port': 30105, 'target_truth_port': 30103, 'targets': 2}, 'target_3_truth is 30105, as is depth_port'),
-    ({'target_truth_port': 65535, 'targets': 2}, 'target_truth_port of target_3_truth is 65537, expected at most 65535'),
-    ({'control_port': 9999, 'image_port': 9999}, 'image_port is 9999, as is control_port'),
-    ({'rig_id': 3, 'targets': 2}, 'rig_id is 3, which is one of the 2 targets')])
-def test_streams_that_would_share_a_port_or_a_number_are_refused_at_the_start(make_node, parameters, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        make_node(**parameters)
-
-
-def test_a_port_of_the_simulators_machine_may_be_the_same_here(make_node):
-    make_node(control_host='192.168.1.20', control_port=28003, audio_port=28003)
-
-
 def test_an_address_of_another_machine_is_named(make_node):
     node, ports = make_node(bind_address='192.0.2.77', allowed_senders='[192.0.2.78]')
     node.trigger_configure()
     node.trigger_activate()
-    assert f'audio_port: cannot receive on UDP port {ports.audio} of 192.0.2.77' in node._problem
+    assert f'audio: cannot receive on UDP port {ports.audio} of 192.0.2.77' in node._problem
 
 
 def test_the_refused_are_counted_and_named(make_node):

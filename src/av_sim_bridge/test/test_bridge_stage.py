@@ -152,16 +152,16 @@ def test_the_gimbal_reports_its_orientation_in_the_time_of_the_others(rng):
 
 
 def test_each_vehicle_has_its_topic():
-    stage = make_stage(rig_id=4, target_id=7, targets=3)
+    stage = make_stage(targets=3)
 
     def topics(number):
         datagram = encode_truth(to_truth(VehicleState(1.0, np.zeros(3)), number))
         return [(topic, message.child_frame_id) for topic, message in stage.on_truth(datagram, EPOCH + 1.0, SENDER)]
 
-    assert topics(4) == [('odometry', 'base_link'), ('truth/rig', 'base_link')]
-    assert topics(7) == [('truth/target', 'target')]
-    assert topics(9) == [('truth/target_9', 'target_9')]
-    assert topics(10) == topics(1) == []
+    assert topics(1) == [('odometry', 'base_link'), ('truth/rig', 'base_link')]
+    assert topics(2) == [('truth/target', 'target')]
+    assert topics(4) == [('truth/target_4', 'target_4')]
+    assert topics(5) == topics(9) == []
 
 
 def test_commands_without_a_finite_gimbal_leave_it_alone():

@@ -19,11 +19,12 @@ pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs 
 
 from bridge_rig import PATIENCE, RIG  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
-from udp_ports import free_ports  # noqa: E402
+from udp_ports import free_offset  # noqa: E402
 
 from av_common.qos import IMAGE  # noqa: E402
 from av_sim_bridge.vehicle import VehicleState, to_truth  # noqa: E402
 from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
+from av_sim_bridge.wire.ports import Ports  # noqa: E402
 from av_sim_bridge.wire.truth import encode_truth  # noqa: E402
 
 pytestmark = pytest.mark.system
@@ -44,8 +45,8 @@ def bomb(width, height):
 @pytest.fixture
 def bridge():
     """The process, its ports, and a node in its domain."""
-    ports = free_ports()
-    settings = {f'{name}_port': port for name, port in vars(ports).items()} | {'rig_file': RIG, 'depth_port': ports.depth}
+    offset = free_offset()
+    ports, settings = Ports().shifted(offset), {'port_offset': offset, 'rig_file': RIG}
     arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
     process = subprocess.Popen([sys.executable, '-m', 'av_sim_bridge.nodes.bridge_node', '--ros-args', *arguments],
                                env=dict(os.environ))

@@ -10,13 +10,14 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs the built workspace')
 
 from nav_msgs.msg import Odometry  # noqa: E402
-from udp_ports import free_ports  # noqa: E402
+from udp_ports import free_offset  # noqa: E402
 
 from av_common.qos import RESULT  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
 from av_sim_bridge.messages import make_header, odometry_message, vehicle_state  # noqa: E402
 from av_sim_bridge.nodes.bridge_node import BridgeNode  # noqa: E402
 from av_sim_bridge.vehicle import VehicleState, from_truth  # noqa: E402
+from av_sim_bridge.wire.ports import Ports  # noqa: E402
 from av_sim_bridge.wire.rig_control import decode_rig_control  # noqa: E402
 from av_sim_bridge.wire.truth import decode_truth, is_truth  # noqa: E402
 
@@ -57,10 +58,11 @@ def test_what_is_no_pose_is_refused(field, value):
 def following():
     """A node that follows odometry, another one beside it, and the socket of a simulator's control port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        control.bind(('127.0.0.1', 0))
+        offset = free_offset()
+        control.bind(('127.0.0.1', Ports().shifted(offset).control))
         control.settimeout(0.05)
-        settings = {f'{name}_port': port for name, port in vars(free_ports()).items()} | {
-            'control_port': control.getsockname()[1], 'follow_odometry': 'true',
+        settings = {
+            'port_offset': offset, 'follow_odometry': 'true',
             'rig_file': Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'}
         rclpy.init(args=['--ros-args', *(text for name, value in settings.items() for text in ('-p', f'{name}:={value}'))])
         node, other = BridgeNode(), rclpy.create_node('autopilot')

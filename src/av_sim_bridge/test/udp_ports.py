@@ -14,7 +14,7 @@ _OFFSETS = [250 * step + more for step in range(-35, 7) if step != 0 for more in
 def free_offset() -> int:
     """A `port_offset` at which all ports of a rig are free. Raises OSError when there is none."""
     shifted = {offset: Ports().shifted(offset) for offset in _OFFSETS}
-    return free_choice('offset', {offset: (*vars(ports).values(), ports.depth) for offset, ports in shifted.items()})
+    return free_choice('offset', {offset: vars(ports).values() for offset, ports in shifted.items()})
 
 
 def free_ports() -> Ports:

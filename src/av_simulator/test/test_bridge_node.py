@@ -16,12 +16,12 @@ pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs 
 
 from bridge_rig import PATIENCE, BridgeRig  # noqa: E402
 from machine_load import skip_figures_where_overloaded  # noqa: E402
-from udp_ports import free_ports  # noqa: E402
+from udp_ports import free_offset  # noqa: E402
 
 from av_common.stamps import to_seconds  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
 from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
-from av_sim_bridge.wire.ports import TIME_SYNC_GROUP  # noqa: E402
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports  # noqa: E402
 from av_simulator.config_files import find_config  # noqa: E402
 from av_simulator.run import open_world  # noqa: E402
 from av_simulator.scenario import load_scenario  # noqa: E402
@@ -42,8 +42,9 @@ def simulate(scenario, options):
 @pytest.fixture(scope='module')
 def rig():
     """A bridge that has been spun without a simulator, with one for four seconds, and with garbage."""
-    ports = free_ports()
-    bridge = BridgeRig(ports, ports.depth)
+    offset = free_offset()
+    ports = Ports().shifted(offset)
+    bridge = BridgeRig(offset)
     scenario = load_scenario(find_config('two_drones', 'scenarios'))
     ahead = dataclasses.replace(scenario.targets[0], trajectory=Static((8.0, 0.5, 3.0)))
     scenario = dataclasses.replace(scenario, targets=(ahead, scenario.targets[1]))

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -23,11 +22,10 @@ from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
 from av_sim_bridge.receiving.consumer import Consumer
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
-from av_sim_bridge.receiving.stream_ports import stream_ports
 from av_sim_bridge.receiving.streams import Sender, StampedImage
 from av_sim_bridge.receiving.worker import Worker
 from av_sim_bridge.stage import Output, make_bridge_stage
-from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 
 SOCKET_BUFFER_BYTES = 4_194_304  # that each port asks of the system; RFlySim itself asks for 204,800
 STALE_AFTER_S = 1.0  # without data, after which a stream is reported as missing
@@ -43,9 +41,11 @@ class BridgeNode(RigNode):
     def configure(self) -> None:
         """Read the rig's description and create the publishers."""
         self._settings = self.settings
+        self._ports = Ports().shifted(self._settings.port_offset)
         self._stage = make_bridge_stage(self._settings)
         self._check_addresses()
-        topics = {'audio/frames': (AudioFrame, STREAM), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM)}
+        topics = {'audio/frames': (AudioFrame, STREAM), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM),
+                  'camera/depth/image_raw': (Image, IMAGE)}
         for camera in self._stage.rig.cameras:
             topics |= {f'{camera}/image_raw': (Image, IMAGE), f'{camera}/camera_info': (CameraInfo, RESULT)}
             if self._settings.oracle_detections:
@@ -53,8 +53,6 @@ class BridgeNode(RigNode):
         topics |= dict.fromkeys(self._stage.target_topics.values(), (Odometry, RESULT))
         if not self._settings.follow_odometry:
             topics['odometry'] = (Odometry, RESULT)
-        if self._settings.depth_port:
-            topics['camera/depth/image_raw'] = (Image, IMAGE)
         if self._stage.rig.gimbal is not None:
             topics['gimbal/state'] = (GimbalState, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}
@@ -79,11 +77,6 @@ class BridgeNode(RigNode):
         """Stop the threads and close the ports."""
         self._opened.close()
 
-    @staticmethod
-    def check_parameters(settings: Any) -> None:
-        """Each stream needs a port of its own, rig and targets numbers of their own."""
-        stream_ports(settings)
-
     def _check_addresses(self) -> None:
         """Who may send to this node, and where its commands go. Raises ValueError."""
         bind_address, control_host = self._settings.bind_address, self._settings.control_host
@@ -95,7 +88,7 @@ class BridgeNode(RigNode):
                              "expected this machine's address in the network of that host, or 0.0.0.0")
 
     def _open_streams(self, opened: ExitStack) -> None:
-        stage, ports = self._stage, stream_ports(self._settings)
+        stage = self._stage
         truth = self._publishing(stage.on_truth)
         handlers: dict[str, Handler] = {'audio': stage.on_audio}
         self._images: dict[str, Consumer[StampedImage]] = {}
@@ -103,20 +96,21 @@ class BridgeNode(RigNode):
             decode = partial(stage.decode_image, camera=camera)
             self._images[camera] = self._consumer(opened, f'decode images of {camera}', decode)
             handlers[stream] = partial(self._on_image, camera)
-        if 'depth' in ports:
-            depths = self._consumer(opened, 'decode depth', stage.decode_depth)
-            handlers['depth'] = lambda *datagram: _put(depths, stage.on_depth(*datagram))
-        handlers |= {name: truth for name in ports if name.endswith('_truth')}
-        handlers['imu'] = self._publishing(stage.on_imu)
+        depths = self._consumer(opened, 'decode depth', stage.decode_depth)
+        handlers['depth'] = lambda *datagram: _put(depths, stage.on_depth(*datagram))
+        handlers |= {'rig_truth': truth, 'target_truth': truth, 'imu': self._publishing(stage.on_imu)}
         if stage.rig.gimbal is not None:
             handlers['gimbal'] = self._publishing(stage.on_gimbal)
+        ports = vars(self._ports)
         for name, handle in handlers.items():
             self._receive(opened, name, ports[name], handle)
-        self._receive(opened, 'time_sync', ports['time_sync'], stage.on_time_sync, TIME_SYNC_GROUP)
+        for index, number in enumerate(stage.target_topics):
+            if index:
+                self._receive(opened, f'target_{number}_truth', self._ports.target_truth + 2 * index, truth)
+        self._receive(opened, 'time_sync', self._ports.time_sync, stage.on_time_sync, TIME_SYNC_GROUP)
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
-        parameter = f'{name}_port' if hasattr(self._settings, f'{name}_port') else f'target_truth_port: {name}'
-        source = open_port(parameter, port, SOCKET_BUFFER_BYTES, self._settings.bind_address, group)
+        source = open_port(name, port, SOCKET_BUFFER_BYTES, self._settings.bind_address, group)
         self._receivers[name] = Receiver(name, source, handle, SenderGate(source, self._allowed, self._refusals))
         opened.callback(self._receivers[name].stop)
 
@@ -155,7 +149,7 @@ class BridgeNode(RigNode):
     def _send_control(self, datagram: bytes) -> None:
         """Send from the port of the rig's true state, by which the simulator knows the bridge."""
         try:
-            self._receivers['rig_truth'].send(datagram, (self._simulator, self._settings.control_port))
+            self._receivers['rig_truth'].send(datagram, (self._simulator, self._ports.control))
         except OSError as error:
             self.get_logger().warning(f'cannot send commands to {self._settings.control_host}: {error.strerror}',
                                       throttle_duration_sec=10.0)

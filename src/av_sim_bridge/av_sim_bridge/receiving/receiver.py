@@ -24,12 +24,12 @@ _IP_MULTICAST_ALL = 49    # Linux: 0 leaves out what other sockets of this machi
 _LARGEST = 65_535
 
 
-def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
+def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
               multicast_group: str | None = None) -> socket.socket:
-    """A UDP socket that is bound to a port. Raises OSError with the parameter's name if the port is not available.
+    """A UDP socket that is bound to a port. Raises OSError with the stream's name if the port is not available.
 
     Parameters:
-        parameter: name of the parameter that sets the port, for the error message.
+        name: name of the stream, for the error message.
         port: UDP port.
         buffer_bytes (bytes): size of the receive buffer that is requested from the operating system.
         address: local address to bind to, 0.0.0.0 for all.
@@ -49,7 +49,7 @@ def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '127.
         receiver.close()
         hint = {errno.EADDRINUSE: ', the port is used by another program',
                 errno.EADDRNOTAVAIL: ', this machine has no such address'}.get(error.errno or 0, '')
-        raise OSError(f'{parameter}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
+        raise OSError(f'{name}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     for option, value in ((_SO_RCVBUFFORCE, buffer_bytes), (_SO_TIMESTAMPNS, 1)):
         with contextlib.suppress(OSError):    # not root, or not Linux: keep the default buffer and clock

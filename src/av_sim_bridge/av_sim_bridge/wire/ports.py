@@ -22,12 +22,8 @@ class Ports:
     time_sync: int = 20005
     control: int = 30100
     gimbal: int = 28005
+    depth: int = 10000
     second_image: int = 10001
-
-    @property
-    def depth(self) -> int:
-        """Port of depth images, which are sent as the next image sensor."""
-        return self.image + 1
 
     def shifted(self, offset: int) -> 'Ports':
         """The ports plus `offset`, for another rig on the same machine."""
