@@ -76,9 +76,9 @@ def test_headings_and_clocks_are_found():
     peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
     run(peer, simulation)
     for index, rig in enumerate(simulation.rigs):
-        mean, sigma = peer.tracker.filter.rig_state(index)
-        assert abs(mean[0] - rig.heading_error) < math.radians(0.5)
-        assert abs(mean[1] - rig.clock_offset) < 4.0 * sigma[1] < 0.05
+        known = peer.tracker.calibration.known(index)
+        assert abs(known.heading - rig.heading_error) < math.radians(0.5)
+        assert abs(known.clock - rig.clock_offset) < 4.0 * known.clock_sigma < 0.05
 
 
 def square_of_rigs(seed):

@@ -13,12 +13,13 @@ from scipy.linalg import block_diag, solveh_banded
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
-from av_network.hypothesis_filter import RIG_SIZE, prior_of
 from av_network.motion_model import nearly_constant_velocity
-from av_network.observation import Observation
+from av_network.observation import Observation, RigState
 from av_network.settings import NetworkSettings, RigSettings
 
-SEGMENT_S = 5.0
+RIG_SIZE, HEADING, CLOCK = 2, 0, 1  # of the part of the state of one rig
+LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
+SEGMENT_S = 2.5
 LEAST_OBSERVATIONS = 12
 ITERATIONS = 2
 STEP_S = 0.05  # between the times for which a track is solved: accelerations move a target by millimetres in less
@@ -59,37 +60,45 @@ class RigCalibration:
 
     Parameters:
         rigs: what is known of each.
-        slots: of each, see `HypothesisFilter`.
         settings: see `NetworkSettings`.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], slots: Sequence[int], settings: NetworkSettings) -> None:
+    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings) -> None:
         self._settings = settings
         self.mean, self.covariance, self._drift = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
         self._position_sigmas: list[float] = []
-        self._slots: list[int] = []
-        for rig, slot in zip(rigs, slots, strict=True):
-            self.join(rig, slot)
         self._segments: dict[int, _Segment] = {}
         self._time: float | None = None
+        for rig in rigs:
+            self.join(rig)
 
-    def join(self, rig: RigSettings, slot: int) -> None:
-        """Take part in what follows.
-
-        Parameters:
-            rig: what is known of it.
-            slot: see `HypothesisFilter`.
-        """
+    def join(self, rig: RigSettings) -> None:
+        """Take part in what follows. What is exact does not drift."""
+        sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
+        drifts = np.array([self._settings.heading_drift, self._settings.clock_drift])
+        self.mean = np.append(self.mean, np.zeros(RIG_SIZE))
+        self.covariance = block_diag(self.covariance, np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2))
+        self._drift = np.append(self._drift, drifts**2 * (sigmas > 0.0))
         self._position_sigmas.append(rig.position_sigma)
-        self._slots.append(slot)
-        if RIG_SIZE * slot == len(self.mean):
-            covariance, drift = prior_of(rig, self._settings)
-            self.mean = np.append(self.mean, np.zeros(RIG_SIZE))
-            self.covariance = block_diag(self.covariance, covariance)
-            self._drift = np.append(self._drift, drift)
 
-    def note(self, target: int, observation: Observation, state: NDArray[np.float64], time: float) -> bool:
-        """Note an observation of a target; returns whether headings and clocks have changed.
+    def known(self, rig: int) -> RigState:
+        """What is known of a rig, by its index."""
+        part = slice(RIG_SIZE * rig, RIG_SIZE * (rig + 1))
+        (heading, clock), (turned, late) = self.mean[part].tolist(), np.sqrt(self.covariance.diagonal()[part]).tolist()
+        return RigState(heading, clock, turned, late, self._position_sigmas[rig])
+
+    @property
+    def heading_variances(self) -> NDArray[np.float64]:
+        """Of each rig (rad^2)."""
+        return self.covariance.diagonal()[HEADING::RIG_SIZE]
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether all headings and clocks are."""
+        return not np.any(self._drift)
+
+    def note(self, target: int, observation: Observation, state: NDArray[np.float64], time: float) -> None:
+        """Note an observation of a target; headings and clocks are corrected at the end of a segment.
 
         Parameters:
             target: the target's id.
@@ -101,26 +110,24 @@ class RigCalibration:
         if time - segment.begin < SEGMENT_S:
             segment.observations.append(observation)
             segment.states.append(state)
-            return False
+            return
         del self._segments[target]
-        if len(segment.observations) < LEAST_OBSERVATIONS or len({one.rig for one in segment.observations}) < 2:
-            return False
-        self._drift_to(time)
-        self._learn(segment)
-        return True
+        if len(segment.observations) >= LEAST_OBSERVATIONS and len({one.rig for one in segment.observations}) > 1:
+            self._learn(segment)
 
     def forget(self, target: int) -> None:
         """Drop the segment of a target whose track has ended."""
         self._segments.pop(target, None)
 
-    def _drift_to(self, time: float) -> None:
+    def predict(self, time: float) -> None:
+        """Let headings and clocks drift until a time (s) by the reference clock."""
         if self._time is not None:
             self.covariance += np.diag(self._drift * max(time - self._time, 0.0))
         self._time = time
 
     def _learn(self, segment: _Segment) -> None:
-        observations, clocks = segment.observations, self.mean[1::RIG_SIZE]
-        times = np.array([one.time + clocks[self._slots[one.rig]] for one in observations])
+        observations, clocks = segment.observations, self.mean[CLOCK::RIG_SIZE]
+        times = np.array([one.sighting.measured + clocks[one.rig] for one in observations])
         cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
         track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
         bands, step, prior = _motion_bands(STEP_S * np.diff(cells)), np.zeros(len(self.mean)), np.linalg.inv(self.covariance)
@@ -145,23 +152,23 @@ class RigCalibration:
     def _linearise(self, observations: Sequence[Observation], ahead: NDArray[np.float64], track: NDArray[np.float64],
                    step: NDArray[np.float64]) -> _Linear:
         """The observations about states of the target, of which they are ahead, and headings and clocks that are `step` off."""
-        place = np.array([self._position_sigmas[one.rig] for one in observations])
-        rigs = np.array([self._slots[one.rig] for one in observations])
-        headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + 1]
+        place, unstated = np.array([(one.known.position_sigma, one.unstated) for one in observations]).T
+        rigs = np.array([one.rig for one in observations])
+        headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + CLOCK]
         speed = np.array([self._settings.sound_speed if one.sighting.by_sound else math.inf for one in observations])
         origins = np.array([one.position for one in observations])
         expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead + clocks, speed)
         level = np.cos(expected.elevation)
-        angles = np.array([one.angles for one in observations])
+        angles = np.array([(one.sighting.azimuth, one.sighting.elevation) for one in observations])
         residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1),
                                    np.stack([expected.azimuth, expected.elevation], 1))
         H = np.concatenate([expected.by_position, expected.by_velocity], 2)
         T = np.zeros((len(rigs), 2, len(step)))
         rows = np.arange(len(rigs))
         T[rows, 0, RIG_SIZE * rigs] = -level
-        T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + 1] = expected.by_time
-        place = (place / expected.distance) ** 2
-        R = np.array([one.covariance for one in observations]) + place[:, None, None] * np.eye(2)
+        T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + CLOCK] = expected.by_time
+        unstated = unstated + (place / expected.distance) ** 2
+        R = np.array([one.sighting.covariance for one in observations]) + unstated[:, None, None] * np.eye(2)
         S = R + T @ self.covariance @ T.swapaxes(1, 2)
         R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
         return _Linear(residuals + np.einsum('kij,kj->ki', H, track) + T @ step, H, T, R)

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_network.lasting_error import LastingError
 from av_network.lone_track import LoneTrack
-from av_network.observation import Observation
-from av_network.report import Sighting
+from av_network.observation import UNSTATED, Observation
 
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
@@ -31,12 +31,14 @@ class Member(NamedTuple):
         last (s): time of its newest observation that was used, by the reference clock.
         gain: what it has added to the target's score.
         alone: the track as a target of its own.
+        error: of its directions to the target.
     """
 
     id: int
     last: float
     gain: float
     alone: LoneTrack
+    error: LastingError
 
 
 @dataclass
@@ -50,6 +52,7 @@ class NetworkTarget:
         id: counted up; 0 for a candidate.
         born (s): when it was confirmed.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
+        blurred (s): time of its newest observation by a rig whose heading was hardly known.
         members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
         refuted: whether an observation cannot stem from it.
@@ -65,6 +68,7 @@ class NetworkTarget:
     id: int = 0
     born: float = math.inf
     odds: float = 0.0
+    blurred: float = -math.inf
     members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
     refuted: bool = False
@@ -86,27 +90,29 @@ class NetworkTarget:
         """The rigs' tracks with observations since a time (s): (index of the rig, id)."""
         return {(rig, member.id) for rig, member in self.members.items() if member.last >= since}
 
-    def alone(self, rig: int, track: int) -> LoneTrack | None:
-        """A rig's track as a target of its own; None if it is not a member."""
-        member = self.members.get(rig)
-        return member.alone if member is not None and member.id == track else None
+    def member(self, rig: int, track: int) -> Member | None:
+        """The member that is a rig's track; None if there is none."""
+        found = self.members.get(rig)
+        return found if found is not None and found.id == track else None
 
-    def note(self, rig: int, sighting: Sighting, time: float, nis: float, gain: float, alone: LoneTrack) -> None:
+    def note(self, one: Observation, time: float, nis: float, gain: float, alone: LoneTrack, error: LastingError) -> None:
         """Note an observation that was used.
 
         Parameters:
-            rig: index of the rig.
-            sighting: what it reported.
+            one: the observation.
             time (s): by the reference clock.
             nis: normalised innovation squared.
             gain: logarithm of its density over that if it stemmed from another target.
             alone: the rig's track as that other target.
+            error: of the rig's directions to this one.
         """
-        member = self.members.get(rig)
-        before = member.gain if member is not None and member.id == sighting.id else 0.0
-        self.members[rig] = Member(sighting.id, time, max(min(before + gain, MOST_GAIN), -MOST_GAIN), alone)
+        sighting, before = one.sighting, self.member(one.rig, one.sighting.id)
+        gain += before.gain if before else 0.0
+        self.members[one.rig] = Member(sighting.id, time, max(min(gain, MOST_GAIN), -MOST_GAIN), alone, error)
         self.measured = max(self.measured, time)
-        if any(one.last >= time - SUPPORT_S for other, one in self.members.items() if other != rig):
+        if one.known.heading_sigma**2 > UNSTATED:
+            self.blurred = time
+        if any(member.last >= time - SUPPORT_S for other, member in self.members.items() if other != one.rig):
             self.supported = max(self.supported, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
         if sighting.class_id:

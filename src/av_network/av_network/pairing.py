@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from av_common.angles import angles_to_direction
-from av_network.hypothesis_filter import CLOCK, HEADING, LOG_TAU, RIG_SIZE, HypothesisFilter, largest_sigmas
+from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, largest_sigmas
+from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import begin
 from av_network.motion_model import velocity_covariance
 from av_network.network_target import Member, NetworkTarget, membership
@@ -48,21 +49,17 @@ class Lines(NamedTuple):
     delays: NDArray[np.float64]
 
 
-def lines_of(observations: Sequence[Observation], states: HypothesisFilter, sound_speed: float) -> Lines:
-    """Reported directions with the corrections of the rigs' headings and clocks.
+def lines_of(observations: Sequence[Observation], sound_speed: float) -> Lines:
+    """Reported directions.
 
     Parameters:
         observations (k,): one at least.
-        states: what is known of the headings and clocks.
         sound_speed (m/s): speed of sound.
     """
-    columns = RIG_SIZE * np.array([states.slots[one.rig] for one in observations])
     angles = np.array([one.angles for one in observations])
-    units = angles_to_direction(angles[:, 0] + states.rig_mean[columns + HEADING], angles[:, 1])
-    spreads = np.array([one.covariance[0, 0] + one.covariance[1, 1] for one in observations])
-    variances = np.diag(states.rig_covariance)
-    return Lines(np.array([one.position for one in observations]), units, spreads / 2.0 + variances[columns + HEADING],
-                 np.array([one.time for one in observations]) + states.rig_mean[columns + CLOCK], variances[columns + CLOCK],
+    return Lines(np.array([one.position for one in observations]), angles_to_direction(angles[:, 0], angles[:, 1]),
+                 np.array([0.5 * np.trace(one.covariance) for one in observations]),
+                 np.array([one.time for one in observations]), np.array([one.known.clock_sigma**2 for one in observations]),
                  np.array([1.0 / sound_speed if one.sighting.by_sound else 0.0 for one in observations]))
 
 
@@ -156,7 +153,7 @@ class Pairing:
         room = min(MOST_PROPOSED, settings.most_candidates - sum(not each.confirmed for each in hypotheses))
         if not others or room <= 0:
             return
-        lines = lines_of([*reported, *others], states, settings.sound_speed)
+        lines = lines_of([*reported, *others], settings.sound_speed)
         places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)),
                                         settings.most_distance, settings.speed_sigma)
         together = membership(hypotheses, reported).T @ membership(hypotheses, others)
@@ -186,12 +183,12 @@ class Pairing:
             groups: dict[tuple[int, float], list[int]] = {}
             for row, pair in enumerate(pairs):
                 groups.setdefault((pair[part].rig, pair[part].time), []).append(row)
-            for (rig, _), members in groups.items():
+            for members in groups.values():
                 rows = begun + np.array(members)
                 innovations = states.innovations([pairs[row][part] for row in members], rows)
                 each = np.arange(len(rows))
                 scores[members] += innovations.log_density[each, each]
-                states.update(rig, rows, innovations.pick(each, each), np.ones(len(rows), bool))
+                states.update(rows, innovations.pick(each, each))
         new_means, new_covariances = (part[begun:] for part in states.targets())
         nearest = np.min([np.linalg.norm(new_means[:, :3] - [pair[part].position for pair in pairs], axis=1)
                           for part in (0, 1)], axis=0)
@@ -199,5 +196,5 @@ class Pairing:
                                           < np.minimum(MOST_RELATIVE_SIGMA * nearest, 2.0 * settings.most_sigma))
         states.keep([*range(begun), *(begun + np.flatnonzero(possible))])
         return [NetworkTarget(time, time, members={
-            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row]), settings))
+            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row]), settings), UNKNOWN)
             for one in pairs[row]}) for row in np.flatnonzero(possible)]

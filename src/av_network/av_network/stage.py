@@ -129,8 +129,8 @@ class NetworkStage:
         statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
-        check_age(rig, arrival - self.tracker.filter.corrected_time(index, stamp),
-                  FUTURE_S + CERTAIN * float(self.tracker.filter.rig_state(index)[1][1]))
+        check_age(rig, arrival - self.tracker.corrected_time(index, stamp),
+                  FUTURE_S + CERTAIN * self.tracker.calibration.known(index).clock_sigma)
         if place.source == ODOMETRY and is_place(message.position):
             self._positions[rig] = place.position + message.position
         if rig not in self._positions:
@@ -141,7 +141,7 @@ class NetworkStage:
         statistics.newest = max(stamp, statistics.newest)
         self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
         report = report_of(message, rig, self._positions[rig], place.heading)
-        self.queue.put(report, self.tracker.filter.corrected_time(self.tracker.rigs[rig], report.time))
+        self.queue.put(report, self.tracker.corrected_time(self.tracker.rigs[rig], report.time))
 
     def on_fix(self, rig: str, message: NavSatFix) -> None:
         """Take a rig's position by satellites. Raises ValueError for one without a fix, or that is not on the globe.
@@ -187,7 +187,7 @@ class NetworkStage:
             if not offsets:
                 continue
             x, y, z = map(float, offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))])
-            turn = -float(self.tracker.filter.rig_state(index)[0][0]) - self._places[name].heading
+            turn = -self.tracker.calibration.known(index).heading - self._places[name].heading
             point = Point(x=x * math.cos(turn) - y * math.sin(turn), y=x * math.sin(turn) + y * math.cos(turn), z=z)
             found[name] = PointStamped(header=Header(stamp=to_stamp(now), frame_id=f'{name}/world'), point=point)
         return found
@@ -205,7 +205,7 @@ class NetworkStage:
                 continue
             if key not in self._lone_ids:
                 self._lone_ids[key] = self.tracker.new_id()
-            heading = float(self.tracker.filter.rig_state(one.rig)[0][0])
+            heading = self.tracker.calibration.known(one.rig).heading
             report = Report(self._names[one.rig], one.time, one.position, ())
             found.append(direction_message(self._lone_ids[key], report, one.sighting, heading,
                                            self.tracker.settings.speed_sigma))
@@ -213,11 +213,11 @@ class NetworkStage:
         return found
 
     def _pose(self, name: str) -> RigPose:
-        mean, sigma = self.tracker.filter.rig_state(self.tracker.rigs[name])
+        known = self.tracker.calibration.known(self.tracker.rigs[name])
         x, y, z = map(float, self._positions.get(name, np.full(3, math.nan)))
-        return RigPose(name=name, position=Point(x=x, y=y, z=z), position_sigma=self.tracker.position_sigma(name),
-                       heading_correction=float(mean[0]) + self._places[name].heading, heading_sigma=float(sigma[0]),
-                       clock_offset=float(mean[1]), clock_sigma=float(sigma[1]),
+        return RigPose(name=name, position=Point(x=x, y=y, z=z), position_sigma=known.position_sigma,
+                       heading_correction=known.heading + self._places[name].heading, heading_sigma=known.heading_sigma,
+                       clock_offset=known.clock, clock_sigma=known.clock_sigma,
                        measured=to_stamp(max(self.statistics[name].newest, 0.0)))
 
     def _restart(self) -> None:

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
+from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation
@@ -28,8 +29,7 @@ MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its ta
 SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
 SKY = 2.0  # sr, in which a rig's targets usually are
 USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
-TEACHING_SIGMA = 0.05  # of a position over its distance, up to which it teaches headings and clocks
-MATURE_S = 2.0  # after which a target teaches headings and clocks
+MATURE_S = 2.0  # after which a target teaches the errors of directions
 INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
 SAME_S = 1.0  # for which two tracks must agree to become one
 DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
@@ -46,7 +46,8 @@ class NetworkTracker:
     come in the order of capture, see `ReportQueue`.
 
     Attributes:
-        filter: states of all hypotheses, headings and clocks.
+        filter: states of all hypotheses.
+        calibration: headings and clocks.
         hypotheses: in the order of the filter.
         unexplained: newest observation of each rig's track that belongs to no target, with its time by the reference clock.
         trust: the rigs that are used.
@@ -66,8 +67,8 @@ class NetworkTracker:
 
     def reset(self) -> None:
         """Forget all but the ids, as after a step of the clock."""
-        self.filter = HypothesisFilter(self._known, self.settings)
-        self.calibration = RigCalibration(self._known, self.filter.slots, self.settings)
+        self.filter = HypothesisFilter(self.settings)
+        self.calibration = RigCalibration(self._known, self.settings)
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._pairing = Pairing(self.settings)
@@ -82,7 +83,7 @@ class NetworkTracker:
             raise ValueError(f'{rig.name} takes part already')
         self.rigs[rig.name] = len(self._known)
         self._known.append(rig)
-        self.calibration.join(rig, self.filter.join(rig))
+        self.calibration.join(rig)
         self.trust.join()
 
     def new_id(self) -> int:
@@ -90,26 +91,32 @@ class NetworkTracker:
         self._last_id += 1
         return self._last_id
 
-    def position_sigma(self, rig: str) -> float:
-        """Standard deviation (m) of a rig's position along each axis."""
-        return self._known[self.rigs[rig]].position_sigma
+    def corrected_time(self, rig: int, time: float) -> float:
+        """A rig's stamp by the reference clock (s).
+
+        Parameters:
+            rig: index of the rig.
+            time (s): its stamp.
+        """
+        return time + self.calibration.known(rig).clock
 
     def use(self, report: Report) -> None:
         """Use a report. Raises KeyError for an unknown rig."""
         rig = self.rigs[report.rig]
         self._places[rig] = report.position
-        time = self.filter.corrected_time(rig, report.time)
+        time = self.corrected_time(rig, report.time)
         self.filter.predict(time)
-        unstated = self.filter.unstated * np.eye(2)
-        sightings = [one if one.by_sound else one._replace(covariance=one.covariance + unstated) for one in report.sightings]
-        observations = [Observation(rig, report.position, one) for one in sightings]
+        self.calibration.predict(time)
+        known = self.calibration.known(rig)
+        observations = [Observation(rig, report.position, one, known, 0.0 if one.by_sound else self.filter.unstated)
+                        for one in report.sightings]
         if observations:
             self._use(rig, observations, time)
         self._tidy(time)
 
     def states(self, time: float) -> list[TargetState]:
         """All targets predicted to a time (s), by id; the tracker itself is not moved."""
-        return target_states(self.filter, self.hypotheses, self._places, self.settings, time)
+        return target_states(self.filter, self.calibration, self.hypotheses, self._places, self.settings, time)
 
     def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
         """Associate, update, teach, and propose candidates."""
@@ -194,34 +201,28 @@ class NetworkTracker:
         if not pairs:
             return
         rows, columns = np.array(list(pairs), int), np.array(list(pairs.values()), int)
-        learn = np.array([not self.hypotheses[row].confirmed for row in pairs], bool)
-        used = [observations[column] for column in columns]
+        used, targets = [observations[column] for column in columns], [self.hypotheses[row] for row in rows]
         means = self.filter.targets()[0][rows, :3]
-        alone = separate([self.hypotheses[row].alone(rig, one.sighting.id) for row, one in zip(rows, used, strict=True)], used,
-                         means, self._density, self.settings)
-        for row, column, (track, density) in zip(rows, columns, alone, strict=True):
-            self.hypotheses[row].note(rig, observations[column].sighting, time, float(innovations.squared[row, column]),
-                                      float(innovations.log_density[row, column]) - density, track)
         picked = innovations.pick(rows, columns)
-        self.filter.update(rig, rows, picked, learn)
-        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and each.supported >= time
-                         for each, one in zip((self.hypotheses[row] for row in rows), used, strict=True)], bool)
+        members = [each.member(rig, one.sighting.id) for each, one in zip(targets, used, strict=True)]
+        alone = separate([member.alone if member else None for member in members], used, means, self._density, self.settings)
+        errors, gains = track_errors([member.error if member else UNKNOWN for member in members], used, *picked.moments())
+        gains += picked.log_density - [density for _, density in alone]
+        for k, (each, one) in enumerate(zip(targets, used, strict=True)):
+            each.note(one, time, float(picked.squared[k]), float(gains[k]), alone[k][0], errors[k])
+        self.filter.update(rows, picked)
+        sure = np.array([not one.sighting.by_sound and time - max(each.born, each.blurred) > MATURE_S
+                         and each.supported >= time for each, one in zip(targets, used, strict=True)], bool)
         if np.any(sure):
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
 
     def _teach(self, assigned: dict[int, int], observations: Sequence[Observation], time: float) -> None:
-        """Correct headings and clocks, but not by a target that is new, or so imprecise that it is not linear."""
-        mature = {column: row for column, row in assigned.items() if time - self.hypotheses[row].born > MATURE_S}
-        if not mature or self.filter.is_calibrated:
+        """Correct headings and clocks by targets that are not new."""
+        if self.calibration.is_exact:
             return
-        rows = np.array(list(mature.values()))
-        sigmas = largest_sigmas(self.filter.conditional_covariances(rows))
-        means = self.filter.targets()[0][rows, :6].copy()
-        for sigma, mean, (column, row) in zip(sigmas, means, mature.items(), strict=True):
-            one = observations[column]
-            if (sigma < TEACHING_SIGMA * float(np.linalg.norm(mean[:3] - one.position))
-                    and self.calibration.note(self.hypotheses[row].id, one, mean, time)):
-                self.filter.set_rigs(self.calibration.mean, self.calibration.covariance)
+        means = self.filter.targets()[0]
+        for column, row in assigned.items():
+            self.calibration.note(self.hypotheses[row].id, observations[column], means[row, :6], time)
 
     def _tidy(self, time: float) -> None:
         """Confirm candidates, end those without hope and tracks that are lost, and join duplicates; some times a second."""
@@ -330,7 +331,7 @@ class NetworkTracker:
         a, b = (self.hypotheses[index].members for index in (first, second))
         if any(abs(a[rig].last - b[rig].last) < 0.5 and time - a[rig].last < 1.0 for rig in a.keys() & b.keys()):
             return False
-        mean, P = self.filter.difference(first, second)
-        squared = float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3]))
-        log_density = -0.5 * (squared + 3.0 * LOG_TAU + float(np.linalg.slogdet(P[:3, :3])[1]))
+        means, covariances = self.filter.targets()
+        offset, P = means[first, :3] - means[second, :3], covariances[first, :3, :3] + covariances[second, :3, :3]
+        log_density = -0.5 * (float(offset @ np.linalg.solve(P, offset)) + 3.0 * LOG_TAU + float(np.linalg.slogdet(P)[1]))
         return log_density > math.log(3.0 * self._density / self.settings.most_distance**3)

@@ -7,13 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from av_network.hypothesis_filter import HypothesisFilter
-from av_network.observation import Observation
+from av_network.observation import Observation, RigState
 from av_network.packing import best_packing, log_odds
 from av_network.pairing import Lines, lines_of, meetings, supports
 from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
-from av_network.settings import NetworkSettings, RigSettings
 from av_network.trust import RigTrust
 
 
@@ -53,18 +51,17 @@ def test_directions_meet_at_their_target():
     def seen(rig, place, at=target, sign=1.0):
         d = sign * (at - place)
         angles = np.array([np.arctan2(d[1], d[0]), np.arctan2(d[2], np.hypot(d[0], d[1]))])
-        return Observation(rig, place, Sighting(1, *angles, np.eye(2) * 1e-4, 0.0))
+        return Observation(rig, place, Sighting(1, *angles, np.eye(2) * 1e-4, 0.0), RigState(0.0, 0.0, 1e-6, 1e-3, 0.0))
 
     left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
     others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]
-    states = HypothesisFilter([RigSettings('left', 1e-6, 1e-3), RigSettings('right', 1e-6, 1e-3)], NetworkSettings())
-    one, lines = (lines_of(each, states, 343.2) for each in ([seen(0, left)], others))
+    one, lines = (lines_of(each, 343.2) for each in ([seen(0, left)], others))
     places, _, apart = meetings(one, lines, 400.0, 1.0)
     assert np.allclose(places[0, 0], target) and apart[0, 0] < 1e-9
     assert apart[0, 1] == np.inf and apart[0, 2] > 9.0
     assert meetings(one, lines, 50.0, 1.0)[2][0, 0] == np.inf
     # 3 m higher, by errors of 10 mrad and by 8 m/s for 0.5 s.
-    above = lines_of([seen(1, right, target + np.array([0.0, 0.0, 3.0]))], states, 343.2)
+    above = lines_of([seen(1, right, target + np.array([0.0, 0.0, 3.0]))], 343.2)
     sharp, moved = (meetings(one, each, 400.0, 8.0)[2][0, 0] for each in (above, above._replace(times=above.times + 0.5)))
     assert sharp > 4.0 and 0.25 < moved < 0.5
 

@@ -1,4 +1,4 @@
-"""The filters of targets, headings and clocks, and what they are made of, against independent calculations."""
+"""The filter of targets and the densities of hypotheses, against independent calculations."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from scipy.stats import multivariate_normal
 
 from av_network.apparent_direction import apparent_directions
 from av_network.hypothesis_filter import HypothesisFilter
+from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.motion_model import usual_modes
-from av_network.observation import Observation
+from av_network.observation import Observation, RigState
 from av_network.report import Sighting
-from av_network.settings import Mode, NetworkSettings, RigSettings
+from av_network.settings import Mode, NetworkSettings
 
 SOUND = 343.2
+EXACT = RigState(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def sighting(azimuth, elevation, sigma=0.01, **values):
@@ -55,42 +57,29 @@ PLACES = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
 TRUTH = np.array([5.0, 60.0, 20.0, 3.0, 0.0, 0.0])
 
 
-def seen(rig, truth=TRUTH):
+def seen(rig, truth=TRUTH, known=EXACT):
     d = truth[:3] - PLACES[rig]
     angles = np.array([math.atan2(d[1], d[0]), math.atan2(d[2], math.hypot(d[0], d[1]))])
-    return Observation(rig, PLACES[rig], sighting(*angles, measured=0.0))
-
-
-def two_rigs(**settings):
-    rigs = [RigSettings('a', 0.02, 0.0, 0.0), RigSettings('b', 0.02, 0.01, 0.0)]
-    states = HypothesisFilter(rigs, NetworkSettings(**settings))
-    states.predict(0.0)
-    return states
-
-
-def update(states, rows, one, learn):
-    innovations = states.innovations([one])
-    states.update(one.rig, np.array(rows), innovations.pick(np.array(rows), np.zeros(len(rows), int)),
-                  np.full(len(rows), learn))
+    return Observation(rig, PLACES[rig], sighting(*angles, measured=0.0), known)
 
 
 def test_many_targets_at_once_are_what_each_is_alone():
     """An update of some of the targets, against the textbook's equations for one, and nothing of the others."""
-    states = two_rigs()
+    states = HypothesisFilter(NetworkSettings())
+    states.predict(0.0)
     means = TRUTH + np.array([[1.0, -2.0, 1.0, 0, 0, 0], [0, 3.0, 0, 1.0, 0, 0], [20.0, 0, 0, 0, 0, 0]])
     states.add(means, np.array([np.diag([9.0] * 3 + [4.0] * 3)] * 3))
-    mean, P = states.mean.copy(), states.covariance.copy()
+    mean, P, used = states.mean.copy(), states.covariance.copy(), np.array([0, 2])
     found = states.innovations([seen(1)])
-    update(states, [0, 2], seen(1), True)
-    for row in (0, 2):
+    states.update(used, found.pick(used, np.zeros(2, int)))
+    for row in used:
         densities = []
         for mode in (0, 1):
-            H = np.zeros((2, 13))
-            H[:, [2, 3, *range(4, 10)]] = found.jacobians[row, 0, mode]
+            H = np.concatenate([found.jacobians[row, 0, mode], np.zeros((2, 3))], 1)
             S = H @ P[row, mode] @ H.T + np.eye(2) * 1e-4
             gain = P[row, mode] @ H.T @ np.linalg.inv(S)
             assert np.allclose(states.mean[row, mode], mean[row, mode] + gain @ found.residuals[row, 0, mode])
-            assert np.allclose(states.covariance[row, mode], (np.eye(13) - gain @ H) @ P[row, mode])
+            assert np.allclose(states.covariance[row, mode], (np.eye(9) - gain @ H) @ P[row, mode])
             densities.append(multivariate_normal.pdf(found.residuals[row, 0, mode], cov=S))
         weighed = usual_modes(NetworkSettings()) * densities
         assert np.allclose(states.modes[row], weighed / weighed.sum(), atol=2e-3)
@@ -98,33 +87,46 @@ def test_many_targets_at_once_are_what_each_is_alone():
     assert np.array_equal(states.mean[1], mean[1]) and np.array_equal(states.covariance[1], P[1])
 
 
-def test_new_headings_move_targets_as_far_as_they_depend_on_them():
-    """Two rigs see a target; a heading that turns out to be off turns its position, and what was known given headings stays."""
-    states = two_rigs(modes=(Mode(0.0, 1.0, 1.0),))
-    states.add(TRUTH[None], np.array([np.diag([100.0] * 3 + [1.0] * 3)]))
-    for rig in (0, 1):
-        update(states, [0], seen(rig), True)
-    before, conditional = states.targets()[0][0], states.conditional_covariances(np.array([0]))[0]
-    turn = np.array([0.01, 0.0, 0.01, 0.0])
-    states.set_rigs(turn, np.diag([1e-6, 1e-12, 1e-6, 1e-12]))
-    # Both directions turn by 0.01 rad about their rigs: where they meet, by the intersection of two lines in the plane.
-    azimuths = [seen(rig).angles[0] + 0.01 for rig in (0, 1)]
-    lines = np.array([[math.sin(a), -math.cos(a)] for a in azimuths])
-    place = np.linalg.solve(lines, [line @ origin[:2] for line, origin in zip(lines, PLACES, strict=True)])
-    assert np.linalg.norm(before[:2] - TRUTH[:2]) < 0.1
-    assert np.allclose(states.targets()[0][0, :2] - TRUTH[:2], place - TRUTH[:2], atol=0.15)
-    assert np.allclose(states.conditional_covariances(np.array([0]))[0], conditional, atol=1e-6)
+def test_uncertain_headings_and_clocks_are_errors_of_directions():
+    """A heading of 20 mrad, by the elevation, and a clock of 0.1 s, by the target's motion of 3 m/s."""
+    states = HypothesisFilter(NetworkSettings(modes=(Mode(0.0, 1.0, 1.0),)))
+    states.predict(0.0)
+    states.add(TRUTH[None], np.diag([1e-6] * 6)[None])
+    exact, uncertain = (states.innovations([seen(1, known=known)]) for known in (EXACT, RigState(0.1, 0.0, 0.02, 0.1, 0.5)))
+    offset = TRUTH[:3] - PLACES[1]
+    level, distance = math.hypot(offset[0], offset[1]), float(np.linalg.norm(offset))
+    across, up = (axis @ TRUTH[3:] / distance for axis in (
+        np.array([-offset[1], offset[0], 0.0]) / level,
+        np.array([-offset[0] * offset[2], -offset[1] * offset[2], level**2]) / (level * distance)))
+    expected = (np.diag([4e-4 * (level / distance)**2, 0.0]) + 0.25 / distance**2 * np.eye(2)
+                + 0.01 * np.outer([across, up], [across, up]))
+    assert np.allclose((uncertain.covariances - exact.covariances)[0, 0, 0], expected, atol=1e-9)
+    assert uncertain.residuals[0, 0, 0, 0] == pytest.approx(0.1 * level / distance, rel=0.02)
 
 
-def test_considered_clocks_stay():
-    """Without learning, an update leaves clocks and widens nothing."""
-    states = two_rigs()
-    states.add(TRUTH[None] + 1.0, np.diag([9.0] * 6)[None])
-    before, P, clocks = states.mean[0, :, 1:4:2].copy(), states.covariance[0].copy(), np.ix_([0, 1], [1, 3], [1, 3])
-    update(states, [0], seen(1), False)
-    assert np.array_equal(states.mean[0, :, 1:4:2], before) and np.allclose(states.covariance[0][clocks], P[clocks])
-    assert np.all(np.linalg.eigvalsh(states.covariance[0]) > 0.0)
-    assert np.all(states.covariance[0, :, 4, 4] < P[:, 4, 4])
+def with_lasting_error(times, headings, residuals, S, variances):
+    """The error after some innovations, and the logarithm of their density."""
+    error, total = UNKNOWN, 0.0
+    for time, heading, residual in zip(times, headings, residuals, strict=True):
+        known = EXACT._replace(heading=heading, heading_sigma=math.sqrt(variances[0] - variances[1]))
+        one = Observation(0, np.zeros(3), sighting(0.1, 0.0, measured=time), known, variances[1])
+        (error,), (gain,) = track_errors([error], [one], residual[None], S[None])
+        total += gain + multivariate_normal.logpdf(residual, cov=S)
+    return error, total
+
+
+def test_directions_with_an_error_that_lasts_are_as_probable_as_together():
+    """Three innovations with an error that fades, against their joint density; a new heading turns the error."""
+    times, noise, variances = np.array([1.0, 2.0, 3.5]), np.array([2e-4, 5e-4]), np.array([9e-4, 1e-4])
+    residuals, S = np.array([[0.03, 0.01], [0.025, -0.01], [-0.01, 0.02]]), np.diag(noise + variances)
+    kept = np.exp(-np.abs(np.subtract.outer(times, times)) / 5.0)
+    joint = [multivariate_normal.logpdf(residuals[:, axis], cov=variances[axis] * kept + noise[axis] * np.eye(3))
+             for axis in (0, 1)]
+    assert with_lasting_error(times, np.zeros(3), residuals, S, variances)[1] == pytest.approx(sum(joint))
+    turn = np.array([0.02, 0.0])
+    late, early = (with_lasting_error(np.ones(3), headings, residuals + np.outer(headings, [1.0, 0.0]), S, variances)[0]
+                   for headings in (np.array([0.0, 0.0, turn[0]]), np.full(3, turn[0])))
+    assert np.allclose(late.mean, early.mean) and np.allclose(late.share, early.share)
 
 
 def test_density_of_a_lone_track_is_that_of_its_motion():
@@ -132,7 +134,7 @@ def test_density_of_a_lone_track_is_that_of_its_motion():
     distance, times, sigma = 50.0, np.array([0.0, 0.3, 0.7]), 0.01
     settings = NetworkSettings((Mode(math.sqrt(2e4), 1e-4, 1.0),), speed_sigma=8.0, climb_share=0.5, velocity_memory=1e9)
     azimuths = np.array([0.1, 0.16, 0.19])
-    observations = [Observation(0, np.zeros(3), sighting(a, 0.0, sigma, measured=time))
+    observations = [Observation(0, np.zeros(3), sighting(a, 0.0, sigma, measured=time), EXACT)
                     for time, a in zip(times, azimuths, strict=True)]
     track, total = None, 0.0
     for one in observations:

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter
+from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import LoneTrack
 from av_network.network_target import Member, NetworkTarget
+from av_network.observation import Observation, RigState
 from av_network.report import Sighting
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
@@ -20,10 +23,11 @@ KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0, born=-5.0)
 
 
 def positioned(target, sigma=1.0, time=10.5):
-    states = HypothesisFilter([RigSettings('a'), RigSettings('b')], SETTINGS)
+    states = HypothesisFilter(SETTINGS)
     states.predict(10.0)
     states.add(np.array([[0.0, 50.0, 20.0, 1.0, 0.0, 0.0]]), np.diag([sigma**2] * 3 + [1.0] * 3)[None])
-    (state,) = target_states(states, [target], dict.fromkeys(range(4), np.zeros(3)), SETTINGS, time)
+    calibration = RigCalibration([RigSettings(str(rig), 0.0, 0.0) for rig in range(4)], SETTINGS)
+    (state,) = target_states(states, calibration, [target], dict.fromkeys(range(4), np.zeros(3)), SETTINGS, time)
     assert np.allclose(state.mean[:3], [time - 10.0, 50.0, 20.0], atol=0.05)
     return state.positioned
 
@@ -42,7 +46,7 @@ def test_a_young_target_is_believed_hardly_longer_than_several_rigs_observed_it(
 
 def test_a_fourth_rig_makes_a_chance_meeting_improbable():
     """Innovations of 3.5 instead of 2 are believed of four rigs, those of 4.1 are not."""
-    members = {rig: Member(1, 10.0, 5.0, ALONE) for rig in range(4)}
+    members = {rig: Member(1, 10.0, 5.0, ALONE, UNKNOWN) for rig in range(4)}
     inconsistent = replace(KNOWN, nis=3.5, members=members)
     assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.1))
     del members[3]
@@ -59,5 +63,6 @@ def test_a_target_is_supported_while_two_rigs_observe_it():
     target = NetworkTarget(0.0, 0.0)
     for time in np.arange(0.0, 5.0, 0.25):
         for rig in (0, 1) if time <= 2.0 else (0,):
-            target.note(rig, Sighting(rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, 0.0, ALONE)
+            one = Observation(rig, np.zeros(3), Sighting(rig, 0.0, 0.0, np.eye(2), time), RigState(0.0, 0.0, 0.0, 0.0, 0.0))
+            target.note(one, float(time), 2.0, 0.0, ALONE, UNKNOWN)
     assert target.measured == 4.75 and target.supported == 3.5

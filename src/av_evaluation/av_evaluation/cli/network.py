@@ -73,10 +73,10 @@ def offsets(options: argparse.Namespace) -> bool:
         peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
         run(peer, simulation)
         for index, rig in enumerate(simulation.rigs):
-            mean, sigma = peer.tracker.filter.rig_state(index)
-            headings.append((mean[0] - rig.heading_error, sigma[0]))
+            known = peer.tracker.calibration.known(index)
+            headings.append((known.heading - rig.heading_error, known.heading_sigma))
             if index:
-                clocks.append((mean[1] - rig.clock_offset, sigma[1]))
+                clocks.append((known.clock - rig.clock_offset, known.clock_sigma))
     (clock, sigma_clock), (heading, sigma_heading) = (np.sqrt(np.mean(np.square(rows), axis=0)) for rows in (clocks, headings))
     print(f'clock {1e3 * clock:.1f} ms ({clock / sigma_clock:.1f}), heading {math.degrees(heading):.2f} deg '
           f'({heading / sigma_heading:.1f})')

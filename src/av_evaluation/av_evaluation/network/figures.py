@@ -51,7 +51,7 @@ class OwnTracker:
     def take(self, report: Report, now: float) -> None:
         """Take a report that arrives at a time (s)."""
         rig = self.tracker.rigs[report.rig]
-        self._queue.put(report, self.tracker.filter.corrected_time(rig, report.time))
+        self._queue.put(report, self.tracker.corrected_time(rig, report.time))
 
     def estimates(self, now: float) -> list[Estimate]:
         """The targets at a time (s)."""

@@ -111,7 +111,7 @@ class NetworkNode(RigNode):
         """What comes from each rig, and what was estimated of it."""
         silent = []
         for name, each in self._stage.statistics.items():
-            mean, sigma = self._stage.tracker.filter.rig_state(self._stage.tracker.rigs[name])
+            known = self._stage.tracker.calibration.known(self._stage.tracker.rigs[name])
             age = self.now() - each.newest
             if not age < SILENT_S:
                 silent.append(name)
@@ -120,9 +120,10 @@ class NetworkNode(RigNode):
             status.add(f'{name} age (s)', f'{age:.2f}')
             status.add(f'{name} late', str(self._stage.queue.late.get(name, 0)))
             status.add(f'{name} without a position', str(each.unplaced))
-            heading, heading_sigma = math.degrees(mean[0]), math.degrees(sigma[0])
+            heading, clock = math.degrees(known.heading), 1e3 * known.clock
+            heading_sigma, clock_sigma = math.degrees(known.heading_sigma), 1e3 * known.clock_sigma
             status.add(f'{name} heading correction (deg)', f'{heading:.2f} +- {heading_sigma:.2f}')
-            status.add(f'{name} clock offset (ms)', f'{1e3 * mean[1]:.1f} +- {1e3 * sigma[1]:.1f}')
+            status.add(f'{name} clock offset (ms)', f'{clock:.1f} +- {clock_sigma:.1f}')
         out = [name for name, index in self._stage.tracker.rigs.items() if index not in self._stage.tracker.trust]
         if out:
             status.mergeSummary(DiagnosticStatus.ERROR, f'{", ".join(out)} left out until it agrees with others: are heading, '
