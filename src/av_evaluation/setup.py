@@ -31,6 +31,7 @@ setup(
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
             'faults = av_evaluation.cli.faults:main',
+            'flying_arrays = av_evaluation.cli.flying_arrays:main',
             'front_back = av_evaluation.cli.front_back:main',
             'fuzz = av_evaluation.cli.fuzz:main',
             'hearing = av_evaluation.cli.hearing:main',

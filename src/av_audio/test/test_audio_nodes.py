@@ -244,6 +244,7 @@ def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
         rig.spin(lambda: len(node._stage.blade_pass_hz))
     assert abs(azimuths[0] - 10.0) > 10.0
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
+    rig.wait_for_status('rotors turn and ego_noise names no recording', DiagnosticStatus.WARN)
 
 
 def test_a_recording_of_the_rig_alone_that_does_not_fit_is_reported(rig, tmp_path, array_file):

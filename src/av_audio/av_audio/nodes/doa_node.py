@@ -36,7 +36,7 @@ class DoaNode(RigNode):
     def configure(self) -> None:
         """Load the array and check the settings. Raises ValueError or OSError."""
         self._stage = make_doa_stage(self.settings)
-        self._needs_motor_speeds = self.settings.ego_rotor_blades > 0
+        self._needs_motor_speeds, self._rotors_turn = self.settings.ego_rotor_blades > 0, False
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
 
@@ -45,8 +45,7 @@ class DoaNode(RigNode):
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self.refuse_second_publishers('audio/frames', *(['motor_speeds'] if self._needs_motor_speeds else []))
-        if self._needs_motor_speeds:
-            self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
+        self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
 
     def deactivate(self) -> None:
         """Discard the samples of unfinished windows."""
@@ -72,6 +71,7 @@ class DoaNode(RigNode):
 
     def _on_motor_speeds(self, message: Float32MultiArray) -> None:
         self._motor_speeds.tick()
+        self._rotors_turn = any(abs(speed) > 0.0 for speed in message.data)
         self._stage.on_motor_speeds(message)
 
     def _on_audio(self, frame: AudioFrame) -> None:
@@ -103,6 +103,9 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'wind at the microphones, louder below 100 Hz than all sound')
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
+        if self._rotors_turn and self._motor_speeds.age <= SILENT_S and not self.settings.ego_noise:
+            status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
+                                'be theirs; make one with record_ego_noise')
         if self._stage.without_phases:
             status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
         for fault in self._stage.faults:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from av_evaluation.figures import Sections, print_sections
 from av_evaluation.hearing import free_field, rooms
+from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
@@ -31,6 +32,7 @@ def sections(count: int, data: Path) -> Sections:
         'several': partial(free_field.several, min(count, 100), sources),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
         'kemar': partial(rooms.kemar, data),
+        'ego_noise': partial(ego_noise, min(count, 100), sources),
         'cost': free_field.cost,
     }
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import signal
 
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
-from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
-from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
 from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, azimuth_error, rms
+from av_evaluation.hearing.peers import gcc_phat, of_library
 from av_evaluation.hearing.places import (
     Field,
     Head,
@@ -30,7 +27,6 @@ from av_evaluation.hearing.places import (
 from av_evaluation.hearing.signals import RATE, Source, load_clip
 
 ROOMS = 100
-UPSAMPLING = 16    # of the plain GCC-PHAT
 FAR_OFF_DEG = 20.0
 # The default may be worse than the best of the others by this factor.
 MARGIN = 1.05
@@ -85,7 +81,9 @@ def kemar(data: Path) -> Iterator[Figure]:
 
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
     rng = np.random.default_rng(63)
-    others: dict[str, Callable[[Window], float]] = {'GCC-PHAT': gcc_phat, 'SRP-PHAT': srp_phat}
+    others: dict[str, Callable[[Window], float]] = {
+        'GCC-PHAT': lambda heard: gcc_phat(heard.sound, heard.array, heard.rate),
+        'SRP-PHAT': lambda heard: of_library('SRP', heard.sound, heard.array, heard.rate)}
     rows: list[list[float]] = []
     marks: list[tuple[float, float]] = []
     for _ in range(count):
@@ -118,37 +116,3 @@ def _localize(window: Window, settings: LocalizerSettings) -> DoaEstimate:
         window_s=len(window.sound) / window.rate, method=settings.method, wideband=settings.wideband))
     estimate, = localizer.process(window.sound, 0)
     return estimate
-
-
-def gcc_phat(window: Window) -> float:
-    """Folded azimuth in rad of the highest peak of the plain full-band GCC-PHAT, upsampled (Knapp and Carter, 1976)."""
-    first, second = np.fft.rfft(window.sound.T, 2 * len(window.sound))
-    cross = first * second.conj()
-    correlation = np.fft.irfft(cross / np.maximum(np.abs(cross), 1e-12), UPSAMPLING * 2 * len(window.sound))
-    reach = int(np.ceil(UPSAMPLING * window.rate * window.array.aperture / speed_of_sound(20.0)))
-    lags = np.arange(-reach, reach + 1)
-    delay = -lags[np.argmax(correlation[lags])] / (UPSAMPLING * window.rate)
-    return _folded(window.array, delay * speed_of_sound(20.0) / window.array.aperture)
-
-
-def srp_phat(window: Window) -> float:
-    """Folded azimuth in rad of SRP-PHAT of pyroomacoustics, in the full band on a grid of 1 degree."""
-    algorithm = _srp(window.array.aperture, window.rate)
-    import pyroomacoustics
-    frames = pyroomacoustics.transform.stft.analysis(window.sound.astype(float), algorithm.nfft, algorithm.nfft // 2)
-    algorithm.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=[100.0, 0.49 * window.rate])
-    return _folded(window.array, float(np.sin(algorithm.azimuth_recon[0])))
-
-
-@lru_cache(maxsize=2)
-def _srp(aperture: float, rate: int) -> Any:
-    import pyroomacoustics
-    places = np.array([[0.0, 0.0], [0.5 * aperture, -0.5 * aperture]])
-    length = 512 if rate < 32_000 else 1024
-    return pyroomacoustics.doa.algorithms['SRP'](places, rate, length, c=speed_of_sound(20.0), num_src=1,
-                                                 azimuth=np.radians(np.arange(-90.0, 91.0)))
-
-
-def _folded(array: MicrophoneArray, q: float) -> float:
-    curve = array.delay_curve
-    return float(np.arcsin(np.clip(q if curve is None else curve.true_cosine(q), -1.0, 1.0)))

@@ -1,0 +1,163 @@
+"""A target under the rig's own rotors: directions with and without a recording of the rig, beside methods of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from av_audio.ego_noise import NoiseRecording
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.angles import angles_to_direction, wrap
+from av_common.microphone_array import MicrophoneArray
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, WINDOW_S
+from av_evaluation.hearing.peers import C, Srp, azimuths, of_library
+from av_evaluation.hearing.reach import ARRAYS
+from av_evaluation.hearing.signals import RATE, Source, band_power
+from av_simulator.sound.rotor import RotorSignal
+
+RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
+JITTER = 0.015  # of the speeds
+BLADES = 2
+ROTORS = 0.18 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) + np.array([0.0, 0.0, -0.06])  # m, from the array
+WIND_DB = -10.0  # noise that microphones do not share, over the target
+FAR_OFF_RAD = np.radians(20.0)
+# Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.
+LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
+LEVELS_DB = {2: (0.0, 10.0, 15.0, 20.0), 8: (10.0, 20.0, 30.0)}
+SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'phat')}
+
+Locate = Callable[[NDArray], tuple[NDArray, float]]  # sound (n, m) -> azimuths (rad) of mirror images, and confidence
+
+
+class Rig:
+    """An array amid four rotors, whose speeds wander by 1.5 %.
+
+    Attributes:
+        recording: of the rig alone.
+
+    Parameters:
+        array: the microphones.
+        seed: of the rotors.
+    """
+
+    def __init__(self, array: MicrophoneArray, seed: int) -> None:
+        self.array, recorded = array, round(RECORDING_S * RATE)
+        speeds_hz = np.random.default_rng(seed).uniform(75.0, 110.0, len(ROTORS))
+        sound = np.sum([_heard(array, place, speeds_hz[k], [seed, k]) for k, place in enumerate(ROTORS)], axis=0)
+        sound = (0.1 * sound / sound.std()).astype(np.float32)
+        self.recording, self._later = NoiseRecording(sound[:recorded], RATE), sound[recorded:]
+
+    def noise(self, rng: Generator, count: int) -> NDArray:
+        """Other sound (n, m) of its rotors, of `count` samples."""
+        start = int(rng.integers(len(self._later) - count))
+        return self._later[start:start + count]
+
+
+def _heard(array: MicrophoneArray, place: NDArray, speed_hz: float, key: list[int]) -> NDArray:
+    """Spherical waves (n, m) of a rotor, with the delay of each microphone.
+
+    Parameters:
+        array: the microphones.
+        place (3,) (m): of the rotor.
+        speed_hz (Hz): revolutions per second.
+        key: seed.
+    """
+    rotor, count = RotorSignal(rotor_hz=[speed_hz], blades=BLADES, jitter=JITTER), round((RECORDING_S + LATER_S) * RATE)
+    emitted = rotor.stream(RATE, key, lambda times: np.zeros((len(times), 3))).read(0, count)
+    ranges = np.linalg.norm(array.positions - place, axis=1)
+    delays = np.exp(-2j * np.pi * np.outer(ranges / C, np.fft.rfftfreq(count, 1.0 / RATE)))
+    return np.asarray(np.fft.irfft(np.fft.rfft(emitted) * delays / ranges[:, None], count, axis=1).T)
+
+
+class Window(NamedTuple):
+    """Sound (n, m) under own noise, and the azimuth (rad) of the target."""
+
+    sound: NDArray
+    azimuth: float
+
+
+def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:
+    """A target at any azimuth under the rig's own noise.
+
+    Parameters:
+        rng: random numbers.
+        rig: the rig.
+        source: of the target.
+        level_db (dB): own noise over the target, from 200 to 4000 Hz.
+    """
+    azimuth = float(rng.uniform(-np.pi, np.pi))
+    target = source(rng, WINDOW_S, -rig.array.positions @ angles_to_direction(azimuth) / C)
+    own = rig.noise(rng, len(target))
+    wind = rng.normal(size=target.shape)
+    power = band_power(target[:, 0])
+    for noise, over_db in ((own, level_db), (wind, WIND_DB)):
+        target = target + noise * np.sqrt(power / band_power(noise[:, 0]) * 10.0 ** (over_db / 10.0))
+    return Window((0.1 * target / target.std()).astype(np.float32), azimuth)
+
+
+def methods(rig: Rig) -> dict[str, Locate]:
+    """Ours and those of others, which have no confidence, by name.
+
+    Parameters:
+        rig: the rig, of which those that whiten know a recording of ten seconds.
+    """
+    whitened = Srp(rig.array, RATE, angles_to_direction(azimuths(rig.array.channels)), rig.recording)
+    return {
+        'no recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'])),
+        'recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
+        'recording, phat': _ours(Localizer(rig.array, RATE, SETTINGS['phat'], rig.recording)),
+        'SRP-PHAT': lambda sound: (_images(rig.array, of_library('SRP', sound, rig.array, RATE)), 0.0),
+        'MUSIC': lambda sound: (_images(rig.array, of_library('MUSIC', sound, rig.array, RATE)), 0.0),
+        'whitened SRP': lambda sound: (_images(rig.array, _azimuth(whitened.direction(sound))), 0.0)}
+
+
+def _ours(localizer: Localizer) -> Locate:
+    def locate(sound: NDArray) -> tuple[NDArray, float]:
+        estimate, = localizer.process(sound, localizer.next_sample)
+        return estimate.azimuth, float(np.max(estimate.confidence, initial=0.0))
+
+    return locate
+
+
+def _azimuth(direction: NDArray) -> float:
+    return float(np.arctan2(direction[1], direction[0]))
+
+
+def _images(array: MicrophoneArray, azimuth: float) -> NDArray:
+    return np.array([azimuth, np.pi - azimuth] if array.rank == 1 else [azimuth])
+
+
+def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator[Figure]:
+    """Share of directions beyond 20 degrees, mirror images folded, and of confident ones among those of ours.
+
+    Parameters:
+        count: windows per level.
+        sources: generators of sound by name.
+        rigs: number of rigs, whose rotors differ.
+    """
+    drones = [source for name, source in sources.items() if name != 'flat noise']
+    for microphones, levels in LEVELS_DB.items():
+        equipped = [(rig, methods(rig)) for rig in (Rig(ARRAYS[microphones], seed) for seed in range(rigs))]
+        for level_db in levels:
+            rng, wrong, confident = np.random.default_rng(81), dict[str, list[bool]](), dict[str, list[bool]]()
+            for k in range(count):
+                rig, known = equipped[k % rigs]
+                heard = window(rng, rig, drones[rng.integers(len(drones))], level_db)
+                for name, locate in known.items():
+                    azimuths, confidence = locate(heard.sound)
+                    far = bool(np.min(np.abs(wrap(azimuths - heard.azimuth)), initial=np.inf) > FAR_OFF_RAD)
+                    wrong.setdefault(name, []).append(far)
+                    confident.setdefault(name, []).append(far and confidence >= CONFIDENCE_THRESHOLD)
+            for name, far_off in wrong.items():
+                title, share = f'{microphones} microphones, own noise {level_db:+.0f} dB, {name}', float(np.mean(far_off))
+                limit = LIMITS.get((microphones, level_db)) if name == 'recording' else None
+                yield Figure(f'{title}: beyond 20 deg', 100.0 * share, '%', limit)
+                if 'recording' in name:
+                    sure = 100.0 * float(np.sum(confident[name])) / max(sum(far_off), 1)
+                    limited = name == 'recording' and share > 0.1
+                    yield Figure(f'{title}: of those confident', sure, '%', 10.0 if limited else None)

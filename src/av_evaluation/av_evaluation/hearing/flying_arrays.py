@@ -1,0 +1,168 @@
+"""Public recordings of arrays on flying drones: DREGON, and the data of the IEEE Signal Processing Cup 2019.
+
+Both have eight microphones on one quadrotor at 44.1 kHz, and a loudspeaker's direction in the array's frame. Their layouts:
+
+    micPos.txt or coordinates.mat          positions (8, 3) in m (`micPos`)
+    DREGON_NAME/DREGON_NAME.wav            sound, with
+      DREGON_NAME_audiots.mat              `audio_timestamps` of the samples,
+      DREGON_NAME_sourcepos.mat            `source_position` with `timestamps`, `azimuth`, `elevation` in deg
+    DREGON_*nosource*/DREGON_*.wav         the drone alone
+    dev_static/audio/1.wav ...             with SPCUP19_dev_static.mat: `static_azimuth`, `static_elevation` (files, 1) in deg
+    dev_flight/audio/1.wav ...             with SPCUP19_dev_flight.mat: `flight_azimuth`, ... (files, frames), every 0.25 s
+    individual_motors_recordings/allMotors_*.wav   the drone alone
+
+Strauss, Mordel, Miguet, Deleforge: DREGON: dataset and methods for UAV-embedded sound source localization, IROS 2018;
+Deleforge, Di Carlo, Strauss, Serizel, Marcenaro: Audio-based search and rescue with a drone, IEEE Signal Processing Magazine
+36(5), 2019.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from av_audio.ego_noise import NoiseRecording
+from av_audio.file_source import read_sound
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD
+from av_evaluation.hearing.peers import Srp
+
+FRAME_S, HOP_S = 0.5, 0.25  # of the competition
+HIT_DEG, FAR_OFF_DEG = 10.0, 20.0  # the first is that of the competition
+SETTINGS = LocalizerSettings(window_s=FRAME_S, hop_s=FRAME_S, elevation_deg=(-90.0, 90.0))
+GRID_STEP = 3.0  # deg, of the directions of SRP
+
+
+class Frame(NamedTuple):
+    """Sound of half a second, and where it comes from.
+
+    Parameters:
+        sound (n, m): samples.
+        rate (Hz): sample rate.
+        direction (3,): unit vector to the loudspeaker in the frame of the truth.
+    """
+
+    sound: NDArray
+    rate: int
+    direction: NDArray
+
+
+def read_array(folder: Path) -> MicrophoneArray:
+    """The microphones. Raises FileNotFoundError, or ValueError for positions of another shape."""
+    text, matlab = folder / 'micPos.txt', folder / 'coordinates.mat'
+    if text.is_file():
+        positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
+    elif matlab.is_file():
+        positions = np.asarray(loadmat(matlab)['micPos'], float)
+    else:
+        raise FileNotFoundError(f'{folder} has neither micPos.txt nor coordinates.mat, with the positions of the microphones')
+    if positions.ndim != 2 or 3 not in positions.shape:
+        raise ValueError(f'positions of microphones in {folder} have shape {positions.shape}, expected (m, 3)')
+    return MicrophoneArray(positions if positions.shape[1] == 3 else positions.T, folder.name)
+
+
+def read_frames(folder: Path) -> Iterator[Frame]:
+    """All frames whose direction is known. Raises OSError or ValueError that names a file."""
+    for truth in sorted(folder.glob('*/SPCUP19_*.mat')):
+        yield from _competition(truth)
+    for sound in sorted(folder.glob('DREGON_*/DREGON_*.wav')):
+        truth = sound.with_name(f'{sound.stem}_sourcepos.mat')
+        if truth.is_file():
+            yield from _dregon(sound, truth)
+
+
+def read_alone(folder: Path) -> NoiseRecording | None:
+    """The drone without loudspeaker, None where there is no such file."""
+    files = sorted([*folder.glob('DREGON_*nosource*/*.wav'), *folder.glob('individual_motors_recordings/allMotors_*.wav')])
+    if not files:
+        return None
+    sounds = [read_sound(file) for file in files]
+    if len({rate for _, rate in sounds}) > 1:
+        raise ValueError(f'recordings of the drone alone in {folder} have different sample rates')
+    return NoiseRecording(np.concatenate([sound for sound, _ in sounds]), sounds[0][1], str(folder))
+
+
+def _competition(truth: Path) -> Iterator[Frame]:
+    tables = loadmat(truth)
+    angles = [np.atleast_2d(value) for end in ('_azimuth', '_elevation')
+              for name, value in tables.items() if name.endswith(end)]
+    if len(angles) != 2 or angles[0].shape != angles[1].shape:
+        raise ValueError(f'{truth} has no tables of one azimuth and one elevation of equal shape')
+    files = len(list((truth.parent / 'audio').glob('*.wav')))
+    azimuths, elevations = (table.T if table.shape[1] == files != len(table) else table for table in np.radians(angles))
+    for k, (row, column) in enumerate(zip(azimuths, elevations, strict=True)):
+        sound, rate = read_sound(truth.parent / 'audio' / f'{k + 1}.wav')
+        length = round(FRAME_S * rate)
+        starts = [(len(sound) - length) // 2] if len(row) == 1 else [round(HOP_S * j * rate) for j in range(len(row))]
+        for start, azimuth, elevation in zip(starts, row, column, strict=True):
+            if 0 <= start <= len(sound) - length:
+                yield Frame(sound[start:start + length], rate, angles_to_direction(azimuth, elevation))
+
+
+def _dregon(sound: Path, truth: Path) -> Iterator[Frame]:
+    place = loadmat(truth, squeeze_me=True)['source_position']
+    stamps, azimuths, elevations = (np.asarray(place[name].item(), float).ravel()
+                                    for name in ('timestamps', 'azimuth', 'elevation'))
+    begin = float(np.ravel(loadmat(sound.with_name(f'{sound.stem}_audiots.mat'))['audio_timestamps'])[0])
+    samples, rate = read_sound(sound)
+    directions = angles_to_direction(np.radians(azimuths), np.radians(elevations))
+    for start in range(0, len(samples) - round(FRAME_S * rate) + 1, round(FRAME_S * rate)):
+        k = int(np.searchsorted(stamps, begin + start / rate + 0.5 * FRAME_S))
+        if 0 < k < len(stamps) and np.isfinite(directions[k]).all():
+            yield Frame(samples[start:start + round(FRAME_S * rate)], rate, directions[k])
+
+
+def flying_arrays(folder: Path, turn_deg: float, most: int) -> Iterator[Figure]:
+    """Directions within 10 degrees, and those that are confident and farther off.
+
+    Parameters:
+        folder: of DREGON or of the competition.
+        turn_deg (deg): by which the frame of the truth is turned about z from that of the positions.
+        most: largest number of frames, evenly taken.
+    """
+    array, frames = read_array(folder), list(read_frames(folder))
+    if not frames:
+        raise FileNotFoundError(f'{folder} has no recording with the direction of its source')
+    frames = frames[::max(1, len(frames) // most)]
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turned = MicrophoneArray(array.positions @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), array.name)
+    alone, rate = read_alone(folder), frames[0].rate
+    angles = np.meshgrid(np.arange(-180.0, 180.0, GRID_STEP), np.arange(-90.0, 90.1, GRID_STEP))
+    grid = angles_to_direction(*np.radians(angles)).reshape(-1, 3)
+    for name, recording in (('no recording', None), ('recording of the drone alone', alone)):
+        if name != 'no recording' and recording is None:
+            continue
+        localizer, srp = Localizer(turned, rate, SETTINGS, recording), Srp(turned, rate, grid, recording)
+        ours = [_ours(localizer, frame) for frame in frames]
+        errors, confident = (np.array(column) for column in zip(*ours, strict=True))
+        yield from _figures(f'{name}, ours', errors)
+        yield Figure(f'{name}, ours: above the default confidence', 100.0 * float(confident.mean()), '%')
+        wrong = 100.0 * float(np.mean(errors[confident] > FAR_OFF_DEG)) if confident.any() else 0.0
+        yield Figure(f'{name}, ours: of those beyond {FAR_OFF_DEG:g} deg', wrong, '%')
+        theirs = [_angle(srp.direction(frame.sound), frame.direction) for frame in frames]
+        yield from _figures(f'{name}, SRP-PHAT', np.array(theirs))
+
+
+def _figures(name: str, errors: NDArray) -> Iterator[Figure]:
+    yield Figure(f'{name}: within {HIT_DEG:g} deg', 100.0 * float(np.mean(errors <= HIT_DEG)), '%')
+    yield Figure(f'{name}: median error', float(np.median(errors)), 'deg')
+
+
+def _ours(localizer: Localizer, frame: Frame) -> tuple[float, bool]:
+    estimate = localizer.process(frame.sound, localizer.next_sample + len(frame.sound))[0]  # a gap: frames are of any time
+    directions = angles_to_direction(estimate.azimuth, estimate.elevation)
+    errors = [_angle(direction, frame.direction) for direction in directions]
+    return min(errors, default=180.0), bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD))
+
+
+def _angle(first: NDArray, second: NDArray) -> float:
+    """Angle in deg between unit vectors (3,)."""
+    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
