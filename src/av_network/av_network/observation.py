@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +30,8 @@ class RigState(NamedTuple):
     position_sigma: float
 
 
-class Observation(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Observation:
     """What a report says anew of the direction to one target.
 
     Parameters:
@@ -45,32 +48,32 @@ class Observation(NamedTuple):
     known: RigState
     unstated: float = 0.0
 
-    @property
+    @cached_property
     def key(self) -> tuple[int, int]:
         """The rig's track: (index of the rig, id)."""
         return self.rig, self.sighting.id
 
-    @property
+    @cached_property
     def time(self) -> float:
         """Mean capture time (s) by the reference clock."""
         return self.sighting.measured + self.known.clock
 
-    @property
+    @cached_property
     def angles(self) -> NDArray[np.float64]:
         """Azimuth and elevation (2,) (rad) in the world."""
         return np.array([self.sighting.azimuth + self.known.heading, self.sighting.elevation])
 
-    @property
+    @cached_property
     def level(self) -> float:
         """Horizontal angle over that of the azimuth."""
         return math.cos(self.sighting.elevation)
 
-    @property
+    @cached_property
     def lasting(self) -> NDArray[np.float64]:
         """Variances (2,) (rad^2) of the horizontal and vertical errors that last."""
         return np.array([self.unstated + (self.known.heading_sigma * self.level) ** 2, self.unstated])
 
-    @property
+    @cached_property
     def covariance(self) -> NDArray[np.float64]:
         """Of the horizontal and vertical error (2, 2) (rad^2), of all kinds."""
         return self.sighting.covariance + np.diag(self.lasting)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import direction_to_angles
 from av_network import sphere
+from av_network.apparent_direction import LEAST_DISTANCE_M
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState
@@ -32,41 +32,44 @@ def target_states(states: HypothesisFilter, calibration: RigCalibration, hypothe
         settings: see `NetworkSettings`.
         time (s): by the reference clock.
     """
-    means, covariances = states.predicted(time)
-    headings = calibration.heading_variances
-    rigs_at = np.array(list(places.values())).reshape(-1, 3)
+    rows = [row for row, target in enumerate(hypotheses) if target.confirmed]
+    if not rows:
+        return []
+    means, covariances = (part[rows] for part in states.predicted(time))
+    targets = [hypotheses[row] for row in rows]
+    observing = np.array([[rig in target.members and time - target.members[rig].last < SUPPORT_S for rig in places]
+                          for target in targets])
+    offsets = means[:, None, :3] - np.array(list(places.values()))
+    variances = states.unstated + np.stack([calibration.heading_variances[list(places)], np.zeros(len(places))], 1)
+    covariances[:, :3, :3] += lasting_errors(covariances[:, :3, :3], offsets, variances, observing)
+    precise = are_precise(covariances, offsets, settings)
     found = []
-    for index, target in enumerate(hypotheses):
-        if not target.confirmed:
-            continue
+    for row, target in enumerate(targets):
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
-        mean, P = means[index], covariances[index]
-        observing = [rig for rig, member in target.members.items() if time - member.last < SUPPORT_S]
-        lasting = states.unstated + np.array([(headings[rig], 0.0) for rig in observing]).reshape(-1, 2)
-        P[:3, :3] += lasting_errors(P[:3, :3], mean[:3] - np.array([places[rig] for rig in observing]).reshape(-1, 3), lasting)
-        positioned = is_credible(target, time) and is_precise(mean, P, rigs_at, settings)
-        found.append(TargetState(target, existence, mean[:6], P[:6, :6], rigs, positioned))
+        found.append(TargetState(target, existence, means[row, :6], covariances[row, :6, :6], rigs,
+                                 bool(precise[row]) and is_credible(target, time)))
     return sorted(found, key=lambda state: state.target.id)
 
 
-def lasting_errors(covariance: NDArray[np.float64], offsets: NDArray[np.float64], variances: NDArray[np.float64]
-                   ) -> NDArray[np.float64]:
-    """Covariance (3, 3) (m^2) of a position by errors of the rigs' directions that last, which no filter averages.
+def lasting_errors(covariances: NDArray[np.float64], offsets: NDArray[np.float64], variances: NDArray[np.float64],
+                   observing: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Covariances (n, 3, 3) (m^2) of positions by errors of the rigs' directions that last, which no filter averages.
 
     One direction of each rig with such an error gives it, as far as what is known otherwise does not bound it.
 
     Parameters:
-        covariance (3, 3) (m^2): of the position by errors that are independent.
-        offsets (k, 3) (m): from each rig that observes the target; those of a single one tell no position.
-        variances (k, 2) (rad^2): of the errors across and up.
+        covariances (n, 3, 3) (m^2): of the positions by errors that are independent.
+        offsets (n, r, 3) (m): from each rig.
+        variances (r, 2) (rad^2): of the errors of each across and up.
+        observing (n, r): which rigs observe the targets; a single one tells no position.
     """
-    if len(offsets) < 2:
-        return np.zeros((3, 3))
-    angles = np.stack(direction_to_angles(offsets), -1)
-    weights = 1.0 / (np.sum(offsets**2, axis=1)[:, None] * np.maximum(variances, LEAST_VARIANCE))
-    axes = sphere.axes(angles)
-    return np.asarray(np.linalg.inv(np.linalg.inv(covariance) + np.einsum('ka,kai,kaj->ij', weights, axes, axes)))
+    axes = sphere.axes(np.stack(direction_to_angles(offsets), -1))
+    squared = np.maximum(np.sum(offsets**2, axis=2), LEAST_DISTANCE_M**2)
+    weights = observing[:, :, None] / (squared[:, :, None] * np.maximum(variances, LEAST_VARIANCE))
+    information = np.einsum('nra,nrai,nraj->nij', weights, axes, axes)
+    several = np.sum(observing, axis=1) > 1
+    return np.asarray(several[:, None, None] * np.linalg.inv(np.linalg.inv(covariances) + information))
 
 
 def is_credible(target: NetworkTarget, time: float) -> bool:
@@ -84,15 +87,14 @@ def is_credible(target: NetworkTarget, time: float) -> bool:
     return target.odds > 0.0 and time - target.supported < patience and target.nis < most
 
 
-def is_precise(mean: NDArray[np.float64], covariance: NDArray[np.float64], places: NDArray[np.float64],
-               settings: NetworkSettings) -> bool:
-    """Whether the root mean square error of a position by its covariance is as small as asked.
+def are_precise(covariances: NDArray[np.float64], offsets: NDArray[np.float64], settings: NetworkSettings
+                ) -> NDArray[np.bool_]:
+    """Whether (n,) the root mean square errors of positions by their covariances are as small as asked.
 
     Parameters:
-        mean (6,), covariance (6, 6): of position (m) and velocity (m/s).
-        places (k, 3) (m): of the rigs, one at least.
+        covariances (n, 9, 9): of the targets.
+        offsets (n, r, 3) (m): of their positions from each rig.
         settings: `reported_error` and `reported_share`.
     """
-    distance = float(np.min(np.linalg.norm(mean[:3] - places, axis=1)))
-    most = max(settings.reported_error, settings.reported_share * distance)
-    return math.sqrt(max(float(np.trace(covariance[:3, :3])), 0.0)) <= most
+    most = np.maximum(settings.reported_error, settings.reported_share * np.linalg.norm(offsets, axis=2).min(axis=1))
+    return np.asarray(np.trace(covariances[:, :3, :3], axis1=1, axis2=2) <= most**2)

@@ -24,7 +24,7 @@ from av_network.trust import RigTrust
 
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 JOINING_GATE = 9.0
-REFUTING = 32.0  # squared Mahalanobis distance at which a candidate ends
+REFUTING = 32.0  # squared Mahalanobis distance at which a rig's track leaves a candidate
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
 SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
 SKY = 2.0  # sr, in which a rig's targets usually are
@@ -148,13 +148,15 @@ class NetworkTracker:
     def _judge(self, rig: int, observations: Sequence[Observation], assigned: dict[int, int],
                present: Sequence[set[tuple[int, int]]], time: float) -> None:
         """Note whether a rig reports what others observe, while two of them or more observe a target within its range."""
-        trusted = {other for other in range(len(self._known)) if other != rig and other in self.trust}
-        others = [trusted.intersection(other for other, _ in tracks) for tracks in present]
+        def others(row: int) -> set[int]:
+            return {other for other, _ in present[row] if other != rig and other in self.trust}
+
         means, reach = self.filter.targets()[0], self.settings.most_distance
-        if any(each.confirmed and len(seen) > 1 and np.linalg.norm(mean[:3] - observations[0].position) < reach
-               for each, seen, mean in zip(self.hypotheses, others, means, strict=True)):
-            self.trust.note(rig, {one.sighting.id: column in assigned and bool(others[assigned[column]])
-                                  for column, one in enumerate(observations)}, time)
+        confirmed = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
+        if any(np.linalg.norm(means[row, :3] - observations[0].position) < reach and len(others(row)) > 1 for row in confirmed):
+            on, off = sum(len(present[row]) for row in confirmed), sum(other != rig for other, _ in self.unexplained)
+            self.trust.note(rig, {one.sighting.id: column in assigned and bool(others(assigned[column]))
+                                  for column, one in enumerate(observations)}, on / (on + off), time)
 
     def _leave_out(self, rig: int) -> None:
         """Forget what a rig has reported that contradicts the others."""
@@ -188,8 +190,10 @@ class NetworkTracker:
                 continue
             if np.any(own[row]):
                 column = int(np.argmax(own[row]))
-                each.refuted = each.refuted or innovations.squared[row, column] > REFUTING
-                found[row] = column
+                if innovations.squared[row, column] < REFUTING:
+                    found[row] = column
+                else:
+                    del each.members[rig]
             elif contested and (rig not in each.members or time - each.members[rig].last > SILENT_S):
                 column = min(contested, key=lambda column: float(innovations.squared[row, column]))
                 if innovations.squared[row, column] < JOINING_GATE:
@@ -260,7 +264,8 @@ class NetworkTracker:
                 or time - each.disputed_since > DISPUTED_S)
 
     def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return each.refuted or each.score(each.tracks()) < HOPELESS or sigma > 2.0 * self.settings.most_sigma
+        return (each.refuted or len(each.members) < 2 or each.score(each.tracks()) < HOPELESS
+                or sigma > 2.0 * self.settings.most_sigma)
 
     @staticmethod
     def _rank(each: NetworkTarget, time: float) -> tuple[bool, float]:

@@ -118,14 +118,22 @@ def test_a_rig_is_trusted_while_it_is_more_probably_right():
     """Against the posterior odds by hand; directions of one track count once a second, and one that agrees is used again."""
     trust = RigTrust(2)
     for k in range(5):
-        trust.note(1, {7: False}, float(k))
+        trust.note(1, {7: False}, 1.0, float(k))
     assert 0 in trust and 1 in trust, 'one track that nobody else has is no proof: 4.08 - 5 * 0.64'
     for k in range(40):
-        trust.note(0, {7: False}, 5.0 + 0.01 * k)
-        trust.note(1, {7: False}, 5.0 + 0.05 * k)
+        trust.note(0, {7: False}, 1.0, 5.0 + 0.01 * k)
+        trust.note(1, {7: False}, 1.0, 5.0 + 0.05 * k)
     assert 0 in trust and 1 not in trust
-    trust.note(0, dict.fromkeys(range(100, 108), False), 6.0)
+    trust.note(0, dict.fromkeys(range(100, 108), False), 1.0, 6.0)
     assert 0 not in trust, 'many new ones at once'
     for time in (10.0, 11.0):
-        trust.note(1, {8: True}, time)
+        trust.note(1, {8: True}, 1.0, time)
     assert 1 in trust
+
+
+def test_tracks_that_nobody_else_has_are_no_evidence_where_the_others_have_as_many():
+    """Few of all rigs' tracks are on targets yet: 20 of a rig that are not say nothing; one that is speaks for it."""
+    trust = RigTrust(2)
+    for rig, share in ((0, 0.05), (1, 0.3)):
+        trust.note(rig, dict.fromkeys(range(20), False), share, 0.0)
+    assert 0 in trust and 1 not in trust
