@@ -17,11 +17,9 @@ from av_common.microphone_array import MicrophoneArray
 # Mean square error of q at a wrong peak, and where there is no peak at all.
 WRONG_PEAK = 0.5
 UNKNOWN = 10.0
-# The likelihood is chosen up to this share of the error of the even phases by noise, over their disagreement: the more the
-# bands contradict each other, the less its model holds. And up to this share of their error by reflections, which shift both.
-LEAD = 0.175
-LARGEST_LEAD = 3.0
-SHARED_REFLECTIONS = 0.04
+# The likelihood is chosen up to the error of the even phases by noise, and this share of theirs by reflections, which shift
+# both: fitted to rooms, a head and the free field (`ros2 run av_evaluation hearing robust`).
+SHARED_REFLECTIONS = 0.1
 # How fast belief changes from one estimate to the other with the ratio of their expected errors.
 SHARPNESS = 4.0
 # Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor.
@@ -50,7 +48,7 @@ class Adaptive:
         if not inside[0].all():
             return at_centre(likely, drift)
         even = self._even.estimate(spectra)
-        ratio = expected_error(likely) / _tolerated_error(even)
+        ratio = expected_error(likely) / expected_error(even, SHARED_REFLECTIONS)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
@@ -59,17 +57,15 @@ class Adaptive:
         return replace(chosen, significance=significance, main_share=even.main_share)
 
 
-def expected_error(peak: Peak) -> float:
-    """Expected square error of q at a peak, over all its axes, by noise and reflections or because it is a wrong peak."""
-    local = float(np.trace(peak.covariance + peak.bias))
+def expected_error(peak: Peak, reflected: float = 1.0) -> float:
+    """Expected square error of q at a peak, over all its axes, by noise and reflections or because it is a wrong peak.
+
+    Parameters:
+        peak: the peak.
+        reflected: share of the error by reflections that counts.
+    """
+    local = float(np.trace(peak.covariance + reflected * peak.bias))
     return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else UNKNOWN
-
-
-def _tolerated_error(even: Peak) -> float:
-    """Expected square error of q up to which the likelihood is preferred to a peak of the even phases."""
-    lead = min(LEAD / max(1.0 - even.agreement, 1e-6), LARGEST_LEAD)
-    tolerated = lead * float(np.trace(even.covariance)) + SHARED_REFLECTIONS * float(np.trace(even.bias))
-    return even.main_share * tolerated + 0.5 * (1.0 - even.main_share) * WRONG_PEAK if even.main_share > 0.0 else UNKNOWN
 
 
 def _mixture(chosen: Peak, other: Peak, belief: float) -> Peak:

@@ -24,7 +24,7 @@ NEWTON_STEPS = 2
 # A direction (q, a cosine) closer than this to a peak is near it: 20 degrees from broadside.
 NEAR = 0.34
 # Logistic model of the probability that a peak stems from a source, by its significance: 0.5 at 2.8. Both numbers were
-# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_audio benchmark sigma` checks them.
+# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing sigma` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
 # The scatter is measured at the maximum, where noise is partly fitted, the more so the weaker the peak: the covariance is
@@ -43,7 +43,6 @@ class Peak:
         significance: height over the standard deviation that independent channels would give.
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
-        agreement: height over that which every cluster of bins would have at a maximum of its own, 0..1.
     """
 
     q: NDArray
@@ -52,7 +51,6 @@ class Peak:
     significance: float
     main_share: float
     height: float = 0.0
-    agreement: float = 0.0
 
 
 class SteeredResponse:
@@ -136,10 +134,9 @@ class SteeredResponse:
         significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
-        agreement = height / float(np.abs(clusters).sum())
         log_likelihood = _log_likelihood(curve - height, covariance, hessian)
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
-        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height, agreement)
+        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height)
 
     def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
         """Significance of a peak as that of a source.
