@@ -24,7 +24,6 @@ WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_RELATIVE_SIGMA = 0.5  # of the distance, beyond which a position is not linear enough to begin with
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
 MOST_PROPOSED = 8  # candidates by one report
-REFUTED_S = 3.0  # for which a pair that was refuted is not proposed again
 MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
 MOST_APART = 9.0  # squared distance of two directions where they are closest, over its variance
 LEAST_SINE_SQUARED = 1e-3  # of the angle between two directions
@@ -121,16 +120,10 @@ class Pairing:
     def __init__(self, settings: NetworkSettings) -> None:
         self._settings = settings
         self._contested: dict[int, tuple[float, Sequence[Observation]]] = {}  # newest directions of each rig, and their time
-        self._refuted: dict[frozenset[tuple[int, int]], float] = {}  # pairs, and until when
 
     def forget(self, rig: int) -> None:
         """Forget the directions of a rig, by its index."""
         self._contested.pop(rig, None)
-
-    def refute(self, keys: set[tuple[int, int]], time: float) -> None:
-        """Note that tracks are not one target, from a time (s) on; more than two may still hold a pair that is."""
-        if len(keys) == 2:
-            self._refuted[frozenset(keys)] = time + REFUTED_S
 
     def propose(self, states: HypothesisFilter, hypotheses: list[NetworkTarget], reported: Sequence[Observation],
                 density: float, time: float) -> None:
@@ -145,7 +138,6 @@ class Pairing:
         if not reported:
             return
         rig, settings, m = reported[0].rig, self._settings, len(reported)
-        self._refuted = {pair: until for pair, until in self._refuted.items() if until > time}
         recent = sorted((noted, other) for other, (noted, _) in self._contested.items()
                         if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
         others = [one for _, other in recent for one in self._contested[other][1]]
@@ -157,11 +149,9 @@ class Pairing:
         places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)),
                                         settings.most_distance, settings.speed_sigma)
         together = membership(hypotheses, reported).T @ membership(hypotheses, others)
-        pairs = [(row, column) for row, column in np.argwhere((apart < MOST_APART) & ~together)
-                 if frozenset((reported[row].key, others[column].key)) not in self._refuted]
-        if not pairs:
+        rows, columns = np.nonzero((apart < MOST_APART) & ~together)
+        if not len(rows):
             return
-        rows, columns = np.array(pairs).T
         rigs = np.array([one.rig for one in (*reported, *others)])
         gains = supports(places[rows, columns], times[rows, columns], lines, rigs, density, settings.speed_sigma)
         order = np.argsort(-gains, kind='stable')

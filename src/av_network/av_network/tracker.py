@@ -248,7 +248,6 @@ class NetworkTracker:
             each = self.hypotheses[row]
             keys = each.tracks(time - SILENT_S)
             if (self._is_lost if each.confirmed else self._is_hopeless)(each, float(sigmas[row]), time):
-                self._pairing.refute(each.tracks(time - 2.0 * SILENT_S), time)
                 continue
             if not each.confirmed:
                 same = any(keys <= other or len(keys & other) >= WELL_SUPPORTED for other in used)
