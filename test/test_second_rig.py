@@ -77,7 +77,7 @@ class StandIn:
             odometry = Odometry(header=Header(stamp=to_stamp(now), frame_id='odom'), child_frame_id='base_link')
             odometry.pose.pose.orientation.w = 1.0
             publishers['odometry'].publish(odometry)
-            publishers['gimbal/state'].publish(gimbal_message(('base_link', 'gimbal_link'), now, turned, 1e-6, True))
+            publishers['gimbal/state'].publish(gimbal_message('gimbal_link', now, turned, 1e-6, True))
 
     def run(self, condition, timeout: float = 90.0) -> None:
         """Spin until the condition holds. Raises AssertionError where it does not."""

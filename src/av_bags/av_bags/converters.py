@@ -22,7 +22,7 @@ from av_bags.pcm import FORMATS, decode
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock
-from av_common.frames import attitude_of, yaw_of
+from av_common.frames import BASE_FRAME, attitude_of, yaw_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame, DoaArray
 from av_vision.messages import image_from_message, image_message
@@ -170,7 +170,7 @@ def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:
 
 
 def _odometry(header: Header, position: Point, orientation: Quaternion, yaw_rate: float) -> Odometry:
-    message = Odometry(header=header, child_frame_id='base_link')
+    message = Odometry(header=header, child_frame_id=BASE_FRAME)
     message.pose.pose = Pose(position=position, orientation=orientation)
     message.twist.twist.angular.z = yaw_rate
     return message

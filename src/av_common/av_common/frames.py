@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from transforms3d.euler import euler2mat
 
+# Names of REP-105, as all nodes publish them: a rig in a namespace has tf of its own.
+BASE_FRAME, ODOM_FRAME, MAP_FRAME = 'base_link', 'odom', 'map'
 # Rows are the axes of the target frame in the source frame. Both are their own inverse.
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_TO_FLU = np.diag([1.0, -1.0, -1.0])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import qinverse, qmult, quat2mat
 
-from av_common.frames import attitude_of, checked_orientation
+from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds
 
@@ -52,17 +52,17 @@ class GimbalSample(NamedTuple):
         return quat2mat(self.attitude_wxyz)
 
 
-def sample_of(message: Any, base_frame: str, gimbal_frame: str) -> GimbalSample:
+def sample_of(message: Any, gimbal_frame: str = '') -> GimbalSample:
     """The sample of a `GimbalState`. Raises ValueError for one that cannot be used.
 
     Parameters:
         message: the message.
-        base_frame, gimbal_frame: the frames that it must be between; any for an empty name.
+        gimbal_frame: the frame that it must be of; any for an empty name.
     """
-    for given, expected in ((message.header.frame_id, base_frame), (message.child_frame_id, gimbal_frame)):
+    for given, expected in ((message.header.frame_id, BASE_FRAME), (message.child_frame_id, gimbal_frame)):
         if expected and given != expected:
             raise ValueError(f'orientation from {message.child_frame_id!r} to {message.header.frame_id!r}, expected from '
-                             f'{gimbal_frame!r} to {base_frame!r}')
+                             f'{gimbal_frame!r} to {BASE_FRAME!r}')
     q, variance = checked_orientation(attitude_of(message.orientation), 'orientation'), message.variance
     if not 0.0 <= variance <= LARGEST_VARIANCE:
         raise ValueError(f'variance {variance} rad^2, expected 0 to {LARGEST_VARIANCE:g}')

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from transforms3d.quaternions import mat2quat
 
-from av_common.frames import FLU_TO_OPTICAL
+from av_common.frames import BASE_FRAME, FLU_TO_OPTICAL
 from av_common.rig import ArrayMount, CameraMount, GimbalMount, Rig
 from av_common.stamps import to_stamp
 from av_interfaces.msg import GimbalState
@@ -25,8 +25,8 @@ def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
         rig: the description.
         stamp: stamp of all transforms.
     """
-    carrier, cameras = rig.gimbal.frame if rig.gimbal else rig.base_frame, rig.cameras.values()
-    carried: list[tuple[str, ArrayMount | CameraMount]] = [(rig.base_frame, rig.array), *((carrier, one) for one in cameras)]
+    carrier, cameras = rig.gimbal.frame if rig.gimbal else BASE_FRAME, rig.cameras.values()
+    carried: list[tuple[str, ArrayMount | CameraMount]] = [(BASE_FRAME, rig.array), *((carrier, one) for one in cameras)]
     mounted = [_transform(stamp, parent, part.frame, part.mount.position, part.mount.rotation) for parent, part in carried]
     return mounted + [_transform(stamp, camera.frame, camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)
                       for camera in cameras]
@@ -42,23 +42,22 @@ def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:
     gimbal = rig.gimbal or GimbalMount()
     x, y, z = map(float, gimbal.mount.position)
     return TransformStamped(
-        header=Header(stamp=state.header.stamp, frame_id=rig.base_frame), child_frame_id=gimbal.frame,
+        header=Header(stamp=state.header.stamp, frame_id=BASE_FRAME), child_frame_id=gimbal.frame,
         transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=state.orientation))
 
 
-def gimbal_message(frames: tuple[str, str], time: float, gimbal_in_body: NDArray, variance: float, measured: bool
-                   ) -> GimbalState:
+def gimbal_message(frame: str, time: float, gimbal_in_body: NDArray, variance: float, measured: bool) -> GimbalState:
     """The orientation of a gimbal.
 
     Parameters:
-        frames: of the rig's body and of the gimbal.
+        frame: of the gimbal.
         time (s): time of the orientation.
         gimbal_in_body (3, 3): rotation matrix from the gimbal's frame to the body.
         variance (rad^2): of the error about each axis.
         measured: whether the gimbal reported it.
     """
     turn = dict(zip('wxyz', map(float, mat2quat(gimbal_in_body)), strict=True))
-    return GimbalState(header=Header(stamp=to_stamp(time), frame_id=frames[0]), child_frame_id=frames[1],
+    return GimbalState(header=Header(stamp=to_stamp(time), frame_id=BASE_FRAME), child_frame_id=frame,
                        orientation=Quaternion(**turn), variance=variance,
                        source=GimbalState.SOURCE_FEEDBACK if measured else GimbalState.SOURCE_MODEL)
 

@@ -9,7 +9,7 @@ from rclpy.time import Time
 from tf2_ros import Buffer, TransformException
 from transforms3d.quaternions import quat2mat
 
-from av_common.frames import attitude_of
+from av_common.frames import BASE_FRAME, attitude_of
 from av_common.gimbal_history import NEAREST_S, NotYetKnownError
 from av_common.tf_listener import GuardedTransformListener
 
@@ -24,15 +24,13 @@ class TfRotations:
 
     Parameters:
         node: subscribes to tf.
-        base_frame: the body frame.
         nearest (s): how long after the newest transform that one is taken.
         namespace: see `GuardedTransformListener`.
     """
 
-    def __init__(self, node: Node, base_frame: str, nearest: float = NEAREST_S, namespace: str = '') -> None:
+    def __init__(self, node: Node, nearest: float = NEAREST_S, namespace: str = '') -> None:
         self.problem = ''
         self._nearest = nearest
-        self._base_frame = base_frame
         self._buffer = Buffer()
         self._topic = node.resolve_topic_name(f'{namespace}tf_static')
         self._listener = GuardedTransformListener(self._buffer, node, namespace)
@@ -52,14 +50,14 @@ class TfRotations:
         if frame in self._fixed:
             return self._fixed[frame]
         try:
-            newest = 1e-9 * self._buffer.get_latest_common_time(self._base_frame, frame).nanoseconds  # 0 for fixed frames
+            newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
             late = time - newest if newest else 0.0
             if self._nearest < late <= LATEST_S:
-                raise NotYetKnownError(f'no transform from {frame!r} to {self._base_frame!r} of the capture time yet')
+                raise NotYetKnownError(f'no transform from {frame!r} to {BASE_FRAME!r} of the capture time yet')
             at = newest if 0.0 < late <= self._nearest else time
-            found = self._buffer.lookup_transform(self._base_frame, frame, Time(nanoseconds=round(1e9 * at)))
+            found = self._buffer.lookup_transform(BASE_FRAME, frame, Time(nanoseconds=round(1e9 * at)))
         except TransformException as error:
-            self.problem = f'no transform from {frame!r} to {self._base_frame!r} on {self._topic}: {error}'
+            self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}: {error}'
             return None
         rotation: NDArray[np.float64] = quat2mat(attitude_of(found.transform.rotation))
         if not newest:

@@ -10,7 +10,7 @@ from transforms3d.euler import euler2quat
 from transforms3d.quaternions import quat2mat
 
 from av_common.angles import angles_to_direction
-from av_common.frames import attitude_of
+from av_common.frames import BASE_FRAME, attitude_of
 from av_common.gimbal_geometry import (
     angles_of_command,
     gimbal_to_body,
@@ -35,7 +35,6 @@ from av_interfaces.msg import GimbalState
 
 TILTED = tuple(euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz'))  # of the body
 RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
-FRAMES = ('base_link', 'gimbal_link')
 
 
 @pytest.mark.parametrize('rpy', [(0.0, 0.0, 0.0), (0.0, 0.0, 180.0), (180.0, 10.0, -30.0)])
@@ -70,10 +69,10 @@ def test_a_command_keeps_its_whole_turns():
 
 def test_the_camera_stands_on_the_gimbal():
     array, camera, _ = static_transforms(RIG, Time(sec=5))
-    assert (array.header.frame_id, camera.header.frame_id) == (RIG.base_frame, RIG.gimbal.frame)
+    assert (array.header.frame_id, camera.header.frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     turned = gimbal_to_body(RIG.gimbal, 0.3, 0.1)
-    moving = gimbal_transform(RIG, gimbal_message(FRAMES, 7.5, turned, 0.01, True))
-    assert (moving.header.frame_id, moving.child_frame_id) == (RIG.base_frame, RIG.gimbal.frame)
+    moving = gimbal_transform(RIG, gimbal_message('gimbal_link', 7.5, turned, 0.01, True))
+    assert (moving.header.frame_id, moving.child_frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     assert np.allclose(quat2mat(attitude_of(moving.transform.rotation)), turned)
 
 
@@ -147,15 +146,15 @@ def test_memory_is_bounded():
     ({'variance': -1.0}, 'variance'), ({'variance': math.inf}, 'variance'), ({'child': 'camera'}, 'expected from'),
     ({'frame': 'map'}, 'expected from'), ({'source': 7}, 'source')])
 def test_a_message_that_cannot_be_used_is_refused(change, reason):
-    message = gimbal_message(FRAMES, 7.5, np.eye(3), 0.01, True)
-    assert sample_of(message, 'base_link', 'gimbal_link').measured
+    message = gimbal_message('gimbal_link', 7.5, np.eye(3), 0.01, True)
+    assert sample_of(message, 'gimbal_link').measured
     message.orientation.w = change.get('w', 1.0)
     message.variance = change.get('variance', 0.01)
     message.child_frame_id = change.get('child', 'gimbal_link')
     message.header.frame_id = change.get('frame', 'base_link')
     message.source = change.get('source', GimbalState.SOURCE_MODEL)
     with pytest.raises(ValueError, match=reason):
-        sample_of(message, 'base_link', 'gimbal_link')
+        sample_of(message, 'gimbal_link')
 
 
 def test_angle_between_ignores_the_sign_of_a_quaternion():

@@ -21,7 +21,7 @@ BASE, ARRAY, GIMBAL = 'base_link', 'microphones', 'gimbal_link'
 def tf():
     rclpy.init()
     node = rclpy.create_node('tf_listener_test')
-    rotations = TfRotations(node, BASE)
+    rotations = TfRotations(node)
     rotations.node = node
     rotations.now = math.floor(1e-9 * node.get_clock().now().nanoseconds)    # a number that a float holds
     rotations.fixed = rotations._listener.static_callback
@@ -100,7 +100,7 @@ def test_frames_without_number_take_no_memory(tf):
 def test_frames_of_the_same_names_stay_with_their_rigs(tf):
     """One node that looks at two rigs, as the page does: each on a tf of its own, and none on /tf."""
     node = tf.node
-    rigs = {name: TfRotations(node, BASE, namespace=f'/{name}/') for name in ('left', 'right')}
+    rigs = {name: TfRotations(node, namespace=f'/{name}/') for name in ('left', 'right')}
     senders = {name: [node.create_publisher(TFMessage, f'{name}/{topic}', qos)
                       for topic, qos in (('tf_static', LATCHED), ('tf', RESULT))] for name in rigs}
     common = [node.create_publisher(TFMessage, topic, qos) for topic, qos in (('/tf_static', LATCHED), ('/tf', RESULT))]

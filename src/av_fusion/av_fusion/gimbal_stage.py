@@ -9,7 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from av_common.frames import attitude_of, checked_orientation
+from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_geometry import (
     BASE_STABILIZED,
@@ -68,7 +68,6 @@ class GimbalStage:
             raise ValueError('the rig has no gimbal')
         self.history = GimbalHistory()
         self._rig, self._gimbal, self._joints = rig, rig.gimbal, joints
-        self._frames = (rig.base_frame, rig.gimbal.frame)
         self._model, self._use_model = GimbalModel(rig.gimbal), use_model
         self._attitude, self._posed = LEVEL, -math.inf  # of the newest odometry, and its stamp
         self._modelled = -math.inf
@@ -81,7 +80,7 @@ class GimbalStage:
             message: the orientation.
             arrival (s): time of its arrival.
         """
-        sample = sample_of(message, *self._frames)
+        sample = sample_of(message, self._gimbal.frame)
         if not self.history.add(sample, arrival):
             return None
         if sample.measured:
@@ -110,7 +109,8 @@ class GimbalStage:
         if not all(math.isfinite(angle) for angle in (pan, tilt, roll)):
             raise ValueError(f'positions {pan}, {tilt}, {roll} of the joints, expected finite angles')
         turned = self._gimbal.mount.rotation @ gimbal_to_mount(pan, tilt, roll)
-        return gimbal_message(self._frames, to_seconds(message.header.stamp), turned, self._joints.sigma**2, measured=True)
+        time = to_seconds(message.header.stamp)
+        return gimbal_message(self._gimbal.frame, time, turned, self._joints.sigma**2, measured=True)
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the gimbal is commanded to. Raises ValueError for an impossible command.
@@ -126,8 +126,8 @@ class GimbalStage:
         if not -OLDEST_S <= to_seconds(message.header.stamp) - arrival <= FUTURE_S:
             raise ValueError('a command that is not of this time')
         stabilized = message.header.frame_id == BASE_STABILIZED
-        if not (stabilized or message.header.frame_id == self._rig.base_frame):
-            raise ValueError(f'a command in {message.header.frame_id!r}, expected {self._rig.base_frame!r} or '
+        if not (stabilized or message.header.frame_id == BASE_FRAME):
+            raise ValueError(f'a command in {message.header.frame_id!r}, expected {BASE_FRAME!r} or '
                              f'{BASE_STABILIZED!r}')
         attitude = self._attitude_at(arrival) or LEVEL
         self._model.command(arrival, *angles_of_command(self._gimbal, message.pan, message.tilt, stabilized, attitude))
@@ -171,7 +171,7 @@ class GimbalStage:
         attitude, angles = self._attitude_at(time), self._model.at(time)
         unknown = self._gimbal.stabilized and attitude is None
         turned = gimbal_to_body(self._gimbal, angles.pan, angles.tilt, attitude or LEVEL)
-        return gimbal_message(self._frames, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
+        return gimbal_message(self._gimbal.frame, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
 
     def _attitude_at(self, time: float) -> tuple[float, float, float, float] | None:
         """Attitude of the rig, None if it is not known at a time (s)."""

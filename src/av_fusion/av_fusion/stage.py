@@ -16,6 +16,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
 from av_common.cue import cue_direction
+from av_common.frames import BASE_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
@@ -45,7 +46,6 @@ class FusionStageSettings:
     """Settings of a `FusionStage`.
 
     Parameters:
-        base_frame: frame of the rig's body, in which bearings are given.
         rate (Hz): rate of outputs while no measurement arrives.
         clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
             not used.
@@ -55,7 +55,6 @@ class FusionStageSettings:
         stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
-    base_frame: str = 'base_link'
     rate: float = 20.0
     clock_tolerance: float = 2.0
     missing_after: float = 1.0
@@ -142,7 +141,7 @@ class FusionStage:
         if self._gimbal is None or GIMBAL in self.gate.contested:
             return None
         self._follow_clock(arrival)
-        self._gimbal.add(sample_of(message, self.settings.base_frame, ''), arrival)
+        self._gimbal.add(sample_of(message), arrival)
         return self._use_waiting(arrival)
 
     def on_visibility(self, message: Visibility) -> None:
@@ -185,7 +184,7 @@ class FusionStage:
         direction, stamp = cue_direction(message), to_seconds(message.header.stamp)
         if not -self.settings.clock_tolerance <= stamp - arrival <= FUTURE_S:
             raise ValueError(f'stamp of a cue {stamp - arrival:+.2f} s from its arrival')
-        if message.header.frame_id == self.settings.base_frame or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
+        if message.header.frame_id == BASE_FRAME or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
             return
         self._cued = arrival
         self.tracker.use_cue(direction, CUE_SIGMA**2, CUE_WRONG)
@@ -213,7 +212,7 @@ class FusionStage:
         """Where the targets may be at `now`; without sectors for a tracker that has no posterior."""
         densities = self.tracker.densities()
         probability = azimuth_posterior(densities, self.tracker.motion, now).tolist() if densities else []
-        return AzimuthPosterior(header=Header(stamp=to_stamp(now), frame_id=self.settings.base_frame), probability=probability)
+        return AzimuthPosterior(header=Header(stamp=to_stamp(now), frame_id=BASE_FRAME), probability=probability)
 
     def missing(self, now: float) -> list[str]:
         """Names of inputs without recent messages; odometry also where its attitude is old, frozen or not known."""
@@ -312,7 +311,7 @@ class FusionStage:
                 track, targets = _contradicted(track, targets, fault)
         if self._observer is not None:
             self._observer.on_track(track, now)
-        frame = self.settings.base_frame
+        frame = BASE_FRAME
         return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame),
                             targets_message(targets, frame))
 
@@ -353,7 +352,7 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
     check = parameters.setup_check
-    settings = FusionStageSettings(parameters.base_frame, parameters.rate, stop_at_faults=check == 'stop')
+    settings = FusionStageSettings(parameters.rate, stop_at_faults=check == 'stop')
     tracker = tracker or make_tracker(parameters)
     monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
     return FusionStage(tracker, converter, settings, observer, gimbal, detections, monitor)

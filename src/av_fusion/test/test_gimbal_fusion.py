@@ -44,7 +44,7 @@ class GimbalRig:
 def gimbal_message_of(time, pan, sigma=0.0):
     c, s = math.cos(pan), math.sin(pan)
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return gimbal_message(('base_link', 'gimbal_link'), time, turned, sigma**2, True)
+    return gimbal_message('gimbal_link', time, turned, sigma**2, True)
 
 
 def test_a_camera_that_turns_at_120_deg_per_s_sees_where_it_looked_at_capture():
@@ -144,7 +144,7 @@ def test_a_camera_model_that_cannot_be_used_is_forgotten_when_the_usual_one_come
 def tf():
     rclpy.init()
     node = rclpy.create_node('tf_rotations_test')
-    yield TfRotations(node, 'base_link')
+    yield TfRotations(node)
     node.destroy_node()
     rclpy.shutdown()
 

@@ -22,7 +22,6 @@ from av_fusion.gimbal_stage import GimbalStage, JointNames
 from av_interfaces.msg import GimbalState, PointingCommand
 
 RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
-FRAMES = ('base_link', 'gimbal_link')
 TILTED = euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz')
 T = 1000.0
 
@@ -38,7 +37,7 @@ def command(time, pan, tilt=0.0, frame='base_stabilized'):
 
 
 def feedback(time, pan=0.0, attitude=TILTED):
-    return gimbal_message(FRAMES, time, gimbal_to_body(RIG.gimbal, pan, 0.0, attitude), 1e-4, measured=True)
+    return gimbal_message(RIG.gimbal.frame, time, gimbal_to_body(RIG.gimbal, pan, 0.0, attitude), 1e-4, measured=True)
 
 
 def joints(time, **positions):

@@ -12,7 +12,7 @@ from std_msgs.msg import Float32, Header
 
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
-from av_common.frames import attitude_of, is_orientation
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
@@ -40,13 +40,11 @@ class PointingStage:
 
     Parameters:
         controller: see the attribute.
-        base_frame: frame of the rig's body, in which commands are given unless the gimbal is stabilized.
     """
 
-    def __init__(self, controller: PointingController, base_frame: str = 'base_link') -> None:
+    def __init__(self, controller: PointingController) -> None:
         self.controller = controller
         self.command: Command | None = None
-        self._base_frame = base_frame
         self._track: Track | None = None
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._stated: dict[float, tuple[float, float]] = {}  # by `measured`: when it was first stated and captured (steady)
@@ -115,7 +113,7 @@ class PointingStage:
         """
         azimuth, elevation = map(float, direction_to_angles(cue_direction(message)))
         if self._cued.take(to_seconds(message.header.stamp), arrival):
-            self._cue = Look(azimuth, elevation, message.header.frame_id == self._base_frame)
+            self._cue = Look(azimuth, elevation, message.header.frame_id == BASE_FRAME)
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
@@ -124,7 +122,7 @@ class PointingStage:
                     self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now),
                     self._is_supported(now))
         self.command = self.controller.step(now.steady, self._track, ages, None if self.contested else self._cue)
-        return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
+        return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else BASE_FRAME)
 
     def _is_supported(self, now: Instant) -> bool:
         """Whether the newest bearing rests on a measurement.
@@ -162,4 +160,4 @@ def make_pointing_stage(parameters: Any, gimbal: GimbalMount | None = None) -> P
     """
     controller = PointingController(with_gimbal(pointing_settings(parameters), gimbal))
     controller.enabled = parameters.enabled
-    return PointingStage(controller, parameters.base_frame)
+    return PointingStage(controller)

@@ -33,14 +33,13 @@ class GimbalFeedback:
         reported (rad): the newest pan and tilt from the horizon and the vehicle's heading, None before the first.
 
     Parameters:
-        base_frame, gimbal_frame: frames of the vehicle's body and of the gimbal
+        frame: of the gimbal
         gimbal_id: number of the gimbal, 0 for any
     """
 
-    def __init__(self, base_frame: str, gimbal_frame: str, gimbal_id: int) -> None:
+    def __init__(self, frame: str, gimbal_id: int) -> None:
         self.reported: tuple[float, float] | None = None
-        self._gimbal, self._id = GimbalMount(frame=gimbal_frame), gimbal_id
-        self._frames = (base_frame, gimbal_frame)
+        self._gimbal, self._id = GimbalMount(frame=frame), gimbal_id
         self._clock = px4_clock()
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
@@ -66,7 +65,7 @@ class GimbalFeedback:
         time = self._clock.date(1e-6 * message.timestamp, arrival) if message.timestamp else None
         if time is None or not message.received_from_mavlink:
             return None
-        return gimbal_message(self._frames, time, gimbal_in_body, SIGMA**2, measured=True)
+        return gimbal_message(self._gimbal.frame, time, gimbal_in_body, SIGMA**2, measured=True)
 
 
 def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:

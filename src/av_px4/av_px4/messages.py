@@ -14,6 +14,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
+from av_common.frames import BASE_FRAME, ODOM_FRAME
 from av_common.stamps import to_stamp
 from av_px4.commands import Command
 from av_px4.external_mode import Answer, Configure, Register, Registration
@@ -43,16 +44,14 @@ def pose_from(message: Any) -> Pose:
                          message.velocity_frame)
 
 
-def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) -> Odometry:
+def odometry_message(time: float, pose: Pose) -> Odometry:
     """The Odometry message of a pose.
 
     Parameters:
         time (s): stamp, ROS time
-        odom_frame: frame of the pose
-        base_frame: child frame, to which the twist refers
         pose: pose and twist
     """
-    message = Odometry(header=Header(stamp=to_stamp(time), frame_id=odom_frame), child_frame_id=base_frame)
+    message = Odometry(header=Header(stamp=to_stamp(time), frame_id=ODOM_FRAME), child_frame_id=BASE_FRAME)
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     position.x, position.y, position.z = pose.position.tolist()
     orientation.w, orientation.x, orientation.y, orientation.z = np.asarray(pose.attitude_wxyz).tolist()

@@ -25,14 +25,9 @@ class OdometryConverter:
 
     PX4's stamps are seconds since boot while its time synchronisation is lost, lag or lead while it converges, and are never
     taken for ROS time: the offset follows from their arrivals alone. After a jump it is known again after a second.
-
-    Parameters:
-        odom_frame: frame of the poses
-        base_frame: frame of the vehicle's body, to which the twist refers
     """
 
-    def __init__(self, odom_frame: str, base_frame: str) -> None:
-        self._frames = (odom_frame, base_frame)
+    def __init__(self) -> None:
         self._pose, self._clock = ContinuousPose(), px4_clock()
 
     @property
@@ -62,4 +57,4 @@ class OdometryConverter:
         stamp = self._clock.date(time, arrival)
         if stamp is None:
             return None
-        return odometry_message(stamp, *self._frames, self._pose.add(time, pose, counter))
+        return odometry_message(stamp, self._pose.add(time, pose, counter))

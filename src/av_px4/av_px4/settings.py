@@ -27,8 +27,6 @@ class Px4Settings:
         offboard: whether it is turned in OFFBOARD, too, and the heartbeat sent that the pilot needs to select that mode
         external_mode: name of the external mode to register, empty for none
         full_speed (rad/s): of a motor at full command; 0 where it is not known
-        odom_frame: frame of the odometry
-        base_frame: frame of the vehicle's body
         gimbal_frame: frame of the gimbal
     """
 
@@ -40,8 +38,6 @@ class Px4Settings:
     offboard: bool = False
     external_mode: str = MODE_NAME
     full_speed: float = 0.0
-    odom_frame: str = 'odom'
-    base_frame: str = 'base_link'
     gimbal_frame: str = 'gimbal_link'
 
 
@@ -51,7 +47,7 @@ def px4_settings(p: Any) -> Px4Settings:
         max_rate=math.radians(p.body.rate_deg), gimbal=_gimbal_settings(p), use_gimbal=p.gimbal.enabled,
         lock_to_horizon=p.gimbal.lock_to_horizon, turn_body=p.turn_body, offboard=p.offboard,
         external_mode=MODE_NAME if p.external_mode else '', full_speed=RADIANS_PER_RPM * p.motors.full_rpm,
-        odom_frame=p.odom_frame, base_frame=p.base_frame, gimbal_frame=p.gimbal.frame)
+        gimbal_frame=p.gimbal.frame)
 
 
 def _gimbal_settings(p: Any) -> GimbalSettings:

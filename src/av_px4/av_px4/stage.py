@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import Float32MultiArray
 
-from av_common.frames import attitude_ned_to_enu
+from av_common.frames import BASE_FRAME, attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
@@ -86,8 +86,8 @@ class Px4Stage:
         wanted = settings.turn_body and settings.external_mode and not self.mode_missing
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(settings.external_mode, versions) if wanted else None
-        self.odometry = OdometryConverter(settings.odom_frame, settings.base_frame)
-        self.gimbal_feedback = GimbalFeedback(settings.base_frame, settings.gimbal_frame, settings.gimbal.gimbal_id)
+        self.odometry = OdometryConverter()
+        self.gimbal_feedback = GimbalFeedback(settings.gimbal_frame, settings.gimbal.gimbal_id)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(settings.max_rate, settings.turn_body and settings.offboard)
         self._messages, self._place = messages, HeldPosition()
@@ -153,8 +153,8 @@ class Px4Stage:
         stamp = message.header.stamp
         if 'pointing/command' in self.contested or not self._in_time(stamp, COMMAND_TIMEOUT):
             return []
-        if message.header.frame_id not in ('', self.settings.base_frame, BASE_STABILIZED):
-            raise ValueError(f'a command in {message.header.frame_id!r}, expected {self.settings.base_frame!r} or '
+        if message.header.frame_id not in ('', BASE_FRAME, BASE_STABILIZED):
+            raise ValueError(f'a command in {message.header.frame_id!r}, expected {BASE_FRAME!r} or '
                              f'{BASE_STABILIZED!r}')
         self.meters['command'].tick()
         self._commanded.take(to_seconds(stamp), arrival)

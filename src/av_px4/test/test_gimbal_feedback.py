@@ -29,7 +29,7 @@ def report(flags, yaw_deg, pitch_deg, time=50.0, **changes):
 
 
 def converted(make, attitude=VEHICLE, gimbal_id=0):
-    feedback, state = GimbalFeedback(*NAMES, gimbal_id), None
+    feedback, state = GimbalFeedback(NAMES[1], gimbal_id), None
     for step in range(60):
         state = feedback.convert(make(50.0 + 0.05 * step), 1000.0 + 0.05 * step, attitude)
     return state, feedback

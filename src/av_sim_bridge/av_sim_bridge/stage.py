@@ -17,7 +17,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_audio.messages import audio_frame
 from av_audio.ring_buffer import RingBuffer
-from av_common.frames import frd_to_flu
+from av_common.frames import BASE_FRAME, MAP_FRAME, frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
 from av_common.stamps import to_seconds
@@ -47,7 +47,6 @@ COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
 RIG, FIRST_TARGET = 1, 2    # numbers of the vehicles, as of the ports of their true states (wire/ports.py)
-WORLD_FRAME = 'map'    # REP-105
 Output = tuple[str, Any]    # topic and message
 
 
@@ -159,9 +158,9 @@ class BridgeStage:
         state = self._truth.take(datagram, arrival, sender)
         if state is None:
             return []
-        header = messages.make_header(state.stamp, WORLD_FRAME)
+        header = messages.make_header(state.stamp, MAP_FRAME)
         if state.copter_id == RIG:
-            message = messages.odometry_message(header, self.rig.base_frame, state.state)
+            message = messages.odometry_message(header, BASE_FRAME, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
         topic = self.target_topics[state.copter_id]
@@ -170,7 +169,7 @@ class BridgeStage:
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of an inertial measurement of the rig."""
         sample, stamp = self._imu.take(datagram, arrival, sender)
-        header = messages.make_header(stamp, self.rig.base_frame)
+        header = messages.make_header(stamp, BASE_FRAME)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 
     def on_gimbal(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
@@ -179,7 +178,7 @@ class BridgeStage:
         if taken is None or self.rig.gimbal is None:
             return []
         sample, stamp = taken
-        header = messages.make_header(stamp, self.rig.base_frame)
+        header = messages.make_header(stamp, BASE_FRAME)
         return [('gimbal/state', messages.gimbal_message(header, self.rig.gimbal.frame, sample))]
 
     def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:

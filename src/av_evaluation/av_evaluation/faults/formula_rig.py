@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
+from av_common.frames import BASE_FRAME
 from av_common.gimbal_history import GimbalHistory
 from av_common.parameters import node_parameters
 from av_common.rig import GimbalMount
@@ -256,7 +257,7 @@ class FormulaRig:
         if self.gimbal is not None:
             state = GimbalState(child_frame_id='gimbal_link', orientation=quaternion(self.camera(t)), variance=1e-6,
                                 source=GimbalState.SOURCE_FEEDBACK)
-            state.header.stamp, state.header.frame_id = to_stamp(START + t), 'base_link'
+            state.header.stamp, state.header.frame_id = to_stamp(START + t), BASE_FRAME
             self.send('gimbal', state, t, 0.0)
         if self._steps % round(IMAGE_PERIOD / STEP) == 0 and self.sight(t):
             self._see(t)
@@ -266,7 +267,7 @@ class FormulaRig:
     def _pose(self, t: float) -> Odometry:
         attitude = self.attitude(t)
         rate = (self.attitude(t - 1e-3).inv() * attitude).as_rotvec() / 1e-3
-        message = Odometry(child_frame_id='base_link')
+        message = Odometry(child_frame_id=BASE_FRAME)
         message.header.stamp, message.header.frame_id = to_stamp(START + t), 'odom'
         message.pose.pose.orientation, message.twist.twist.angular = quaternion(attitude), vector(rate)
         x, y, z = map(float, self.path(t))

@@ -49,7 +49,7 @@ class MonitorNode(RigNode):
     def configure(self) -> None:
         """Start an empty log."""
         self._settings = self.settings
-        self._rotations = TfRotations(self, self._settings.base_frame)
+        self._rotations = TfRotations(self)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         self._recorder = RunRecorder(folder=Path(tempfile.gettempdir()))
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}

@@ -207,7 +207,7 @@ class Replay:
     def _build(self, rig: Rig, estimators: Sequence[str]) -> None:
         fusion = self._parameters('av_fusion', 'fusion_node')
         gimbal = GimbalHistory()
-        self._frames = SensorFrames(rig, fusion.base_frame, gimbal)
+        self._frames = SensorFrames(rig, gimbal)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
         camera = self._camera(rig)

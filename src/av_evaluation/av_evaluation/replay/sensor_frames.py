@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_bags.reader import Bag
-from av_common.frames import attitude_of
+from av_common.frames import BASE_FRAME, attitude_of
 from av_common.gimbal_history import GimbalHistory
 from av_common.rig import Rig
 
@@ -17,16 +17,14 @@ class SensorFrames:
 
     Parameters:
         rig: the description.
-        base_frame: frame of the body.
         gimbal: orientations of the rig's gimbal.
     """
 
-    def __init__(self, rig: Rig, base_frame: str, gimbal: GimbalHistory) -> None:
-        self._base = base_frame
+    def __init__(self, rig: Rig, gimbal: GimbalHistory) -> None:
         self._parents: dict[str, tuple[str, NDArray]] = {}
-        carrier = rig.gimbal.frame if rig.gimbal else base_frame
+        carrier = rig.gimbal.frame if rig.gimbal else BASE_FRAME
         self._described = {
-            rig.array.frame: (base_frame, rig.array.mount.rotation), rig.base_frame: (base_frame, np.eye(3))}
+            rig.array.frame: (BASE_FRAME, rig.array.mount.rotation), BASE_FRAME: (BASE_FRAME, np.eye(3))}
         for camera in rig.cameras.values():
             self._described |= {camera.frame: (carrier, camera.mount.rotation),
                                 camera.optical_frame: (carrier, camera.optical_to_body)}
@@ -51,7 +49,7 @@ class SensorFrames:
             if self._known[frame] is None:
                 self.unknown.add(frame)
         parent, rotation = self._known[frame] or ('', None)
-        if rotation is None or parent == self._base:
+        if rotation is None or parent == BASE_FRAME:
             return rotation
         sample = self._gimbal.at(time)
         return None if sample is None else sample.rotation @ rotation
@@ -59,10 +57,10 @@ class SensorFrames:
     def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
         """The body's or the gimbal's frame, and the rotation into it."""
         rotation, at, seen = np.eye(3), frame, set()
-        while at in self._parents and at not in (self._base, self._carrier) and at not in seen:
+        while at in self._parents and at not in (BASE_FRAME, self._carrier) and at not in seen:
             seen.add(at)
             at, step = self._parents[at][0], self._parents[at][1]
             rotation = step @ rotation
-        if seen and at in (self._base, self._carrier):
+        if seen and at in (BASE_FRAME, self._carrier):
             return at, rotation
         return self._described.get(frame)

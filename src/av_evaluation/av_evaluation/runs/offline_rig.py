@@ -19,6 +19,7 @@ from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
 from av_bags import topics
 from av_common.camera import PinholeCamera
+from av_common.frames import BASE_FRAME
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
@@ -37,7 +38,6 @@ from av_vision.messages import image_message
 from av_vision.stage import DetectionStage
 
 TARGET_CLASSES = ('drone',)
-BODY = 'base_link'
 
 
 class OfflineRig:
@@ -104,13 +104,13 @@ class OfflineRig:
 
     def on_state(self, state: VehicleState) -> Odometry:
         """The rig's pose and velocities in the world, known at once; returns the message."""
-        odometry = odometry_message(Header(stamp=to_stamp(state.time)), BODY, state)
+        odometry = odometry_message(Header(stamp=to_stamp(state.time)), BASE_FRAME, state)
         self._take(topics.ODOMETRY, odometry, state.time)
         return odometry
 
     def on_gimbal(self, sample: GimbalSample, arrival: float) -> None:
         """The measured orientation of the gimbal that carries the camera."""
-        header = Header(stamp=to_stamp(sample.time), frame_id=BODY)
+        header = Header(stamp=to_stamp(sample.time), frame_id=BASE_FRAME)
         self._take(topics.GIMBAL, gimbal_message(header, 'gimbal', sample), arrival)
 
     def advance(self, now: float) -> None:

@@ -43,7 +43,7 @@ class FusionNode(RigNode):
     def configure(self) -> None:
         """Build the stage, open the publishers."""
         self._settings = self.settings
-        self._rotations = TfRotations(self, self._settings.base_frame)
+        self._rotations = TfRotations(self)
         rig = load_rig(self._settings.rig_file) if self._settings.rig_file else None
         gimbal, cameras = (rig.gimbal, list(rig.cameras)) if rig else (None, ['camera'])
         self._gimbals = [GIMBAL] if gimbal else []

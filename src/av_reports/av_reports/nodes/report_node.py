@@ -46,7 +46,7 @@ class ReportNode(RigNode):
     def activate(self) -> None:
         """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError for files."""
         for kind, topic, take, quality in (
-                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._on_bearing, RESULT),
+                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
                 (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
                 (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
             self.while_active(self.create_subscription, kind, topic, take, quality)
@@ -81,10 +81,6 @@ class ReportNode(RigNode):
             self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
         if settings.log.folder:
             self._outputs['log'] = LogOutput(Path(settings.log.folder).expanduser(), CotSettings.sensor_range, LARGEST_LOG)
-
-    def _on_bearing(self, message: Bearing) -> None:
-        self._commands.base_frame = message.header.frame_id or self._commands.base_frame
-        self._stage.on_bearing(message)
 
     def _on_targets(self, message: TrackArray) -> None:
         self._stage.on_targets(message, self._instant(), self._to_utc())

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Header
 
+from av_common.frames import BASE_FRAME
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.srv import SelectTarget
@@ -24,9 +25,6 @@ BY_POLICY = 0  # id that leaves the choice to the tracker
 class RigCommands:
     """Has the rig follow a target, or look in a direction, by its tracker's service and by cues. It moves nothing by itself.
 
-    Attributes:
-        base_frame: of the rig's body, in which cues without a heading are given.
-
     Parameters:
         node: owner of client and publisher.
         tracks_alone: whether the targets that are reported are those of the tracker.
@@ -37,7 +35,7 @@ class RigCommands:
         self._tracks_alone = tracks_alone
         self._select = node.create_client(SelectTarget, SELECT)
         self._cues = node.create_publisher(PointStamped, CUE_TOPIC, RESULT)
-        self.base_frame, self._now = 'base_link', now
+        self._now = now
         self._cue: LookAt | None = None
         self._following = False
 
@@ -61,7 +59,7 @@ class RigCommands:
     def repeat(self) -> None:
         """Publish the cue again while there is one, so that it cannot be obeyed when this node has gone."""
         if self._cue is not None:
-            header = Header(stamp=to_stamp(self._now()), frame_id=WORLD if self._cue.north else self.base_frame)
+            header = Header(stamp=to_stamp(self._now()), frame_id=WORLD if self._cue.north else BASE_FRAME)
             self._cues.publish(PointStamped(header=header, point=far_point(self._cue)))
 
     def _follow(self, target: int, done: Callable[[str], None]) -> None:

@@ -10,6 +10,7 @@ from tf2_msgs.msg import TFMessage
 from av_audio.messages import audio_frame
 from av_bags.topics import FRAMES, absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
+from av_common.frames import BASE_FRAME
 from av_common.rig_messages import static_transforms
 from av_common.stamps import to_stamp
 from av_sim_bridge import messages
@@ -50,7 +51,7 @@ class BagRecorder:
                     audio_frame(step.sound, round(step.begin * self._rate), self._rate, header))
         for sample in step.truth:
             header = messages.make_header(EPOCH + sample.time, WORLD_FRAME)
-            rig = messages.odometry_message(header, self._rig.base_frame, sample.rig)
+            rig = messages.odometry_message(header, BASE_FRAME, sample.rig)
             self._write('odometry', EPOCH + sample.time, rig)
             self._write('truth/rig', EPOCH + sample.time, rig)
             self._write_gimbal(sample)
@@ -67,7 +68,7 @@ class BagRecorder:
         gimbal = self._rig.gimbal
         if gimbal is not None and sample.gimbal is not None:
             time = EPOCH + sample.time
-            header = messages.make_header(time, self._rig.base_frame)
+            header = messages.make_header(time, BASE_FRAME)
             self._write('gimbal/state', time, messages.gimbal_message(header, gimbal.frame, sample.gimbal))
 
     def close(self) -> None:

@@ -114,7 +114,7 @@ def interview() -> tuple[MicrophoneArray, dict[str, Any], dict[str, Any]]:
     pitch = 0.0 if gimbal else ask('Camera: looks up by (deg)', '8', within(float, -90, 90))
     place = ask('Gimbal: position (m)' if gimbal else 'Camera: position (m)', DEFAULT_CAMERA, position)
     rig: dict[str, Any] = {
-        'base_frame': 'base_link', 'array': {'file': 'array.yaml', 'mount': mount},
+        'array': {'file': 'array.yaml', 'mount': mount},
         'camera': {'mount': {'position': [0.0, 0.0, 0.0] if gimbal else place, 'rpy_deg': [0.0, -pitch, 0.0]}, **camera}}
     if gimbal:
         rig['gimbal'] = {'mount': {'position': place, 'rpy_deg': [0.0, 0.0, 0.0]}}

@@ -160,7 +160,7 @@ class LiveCheck:
 
     def on_gimbal(self, message: GimbalState, arrival: float) -> None:
         """Take the gimbal's orientation, which arrived at a time (s)."""
-        self._gimbal.add(sample_of(message, self._rig.base_frame, ''), arrival)
+        self._gimbal.add(sample_of(message), arrival)
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Take the camera model."""

@@ -18,6 +18,7 @@ from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
 from av_bags.definitions import deserialiser
+from av_common.frames import BASE_FRAME
 from av_common.guarded_node import check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
@@ -92,7 +93,7 @@ class RigWatch:
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
         # Viewers wait for no transform.
-        self._rotations = TfRotations(node, self._settings.base_frame, LATEST_S, f'{rig}/')
+        self._rotations = TfRotations(node, LATEST_S, f'{rig}/')
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         # In the order in which they are taken: the camera before what is seen through it.
         self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
@@ -145,7 +146,7 @@ class RigWatch:
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        made = markers(self.snapshot, self._state.sound, self._settings.base_frame)
+        made = markers(self.snapshot, self._state.sound, BASE_FRAME)
         if self.snapshot['world'] is not None:
             made.markers.extend(world_markers(self._state.world.message))
         return made

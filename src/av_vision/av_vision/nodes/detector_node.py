@@ -42,7 +42,7 @@ class DetectorNode(RigNode):
 
     def configure(self) -> None:
         """Open the model."""
-        self._rotations = TfRotations(self, self.settings.base_frame)
+        self._rotations = TfRotations(self)
         self._stage = make_detection_stage(self.settings, rotation_of=self._rotations.rotation)
         used, wanted = self._stage.detector.detector.model.provider, self.settings.providers[0]
         if used and used != wanted:
