@@ -59,8 +59,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
                             arguments['recorded_namespace'])
     only = arguments['only']
     pointing = rig_node(arguments, 'av_pointing', 'pointing_node', {'rig_file': arguments['rig'], **BAG_TIME})
-    title = f'{arguments["bag"]}, played from {only}'
-    receivers, others = monitor_nodes(arguments, {'title': title, **BAG_TIME}), []
+    receivers, others = monitor_nodes(arguments, BAG_TIME), []
     if only == 'raw' and names.AUDIO in found:
         receivers.append(doa_node(arguments, BAG_TIME))
     if only == 'raw' and arguments['model']:
@@ -87,8 +86,9 @@ def player_node(arguments: Arguments, receivers: list[str]) -> LaunchedNode:
         receivers: names of the nodes for which the player waits before it starts.
     """
     texts = {name: arguments[name] for name in ('bag', 'bags', 'only', 'recorded_namespace', 'audio_format')}
-    numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
+    numbers = {name: float(arguments[name]) for name in ('rate', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
     return rig_node(arguments, 'av_bags', 'player_node', {
-        **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': receivers,
+        **texts, **numbers, **counts, 'position': float(arguments['start']),
+        'remap': arguments['remap'].split(','), 'wait_for': receivers,
         'detections': not arguments['model']}, output='screen', respawn=False)

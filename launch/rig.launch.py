@@ -106,7 +106,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     described = described_rig(arguments)
     arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
-    monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
+    monitor = monitor_nodes(arguments, {'duration': duration})
     page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
     cue = arguments['cue'] == 'true'
     essential = [
@@ -207,7 +207,7 @@ def px4(arguments: Arguments) -> ExecuteProcess:
     require('px4:=true', 'av_px4')
     if importlib.util.find_spec('px4_msgs') is None:
         raise MissingPackageError('px4_msgs', 'px4:=true', PX4_MSGS)
-    return rig_node(arguments, 'av_px4', 'px4_node', {})
+    return rig_node(arguments, 'av_px4', 'px4_node', {'rig_file': arguments['rig']})
 
 
 def may_move(arguments: Arguments) -> bool:
@@ -215,10 +215,3 @@ def may_move(arguments: Arguments) -> bool:
     if arguments['enable_pointing']:
         return arguments['enable_pointing'] == 'true'
     return arguments['source'] == 'sim' and arguments['px4'] == 'false'
-
-
-def title(arguments: Arguments) -> str:
-    """Heading of the monitor's table and plot."""
-    named = {'sim': arguments['scenario'], 'udp': 'external simulator',
-             'file': ' and '.join(filter(None, [arguments['audio'], arguments['video']])), 'hardware': 'hardware'}
-    return named[arguments['source']]

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
-from av_common.rig import GimbalMount
+from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_evaluation.faults.formula_rig import START, STEP, FormulaRig, Moment, Source
 from av_interfaces.msg import PointingCommand
+from av_pointing.settings import GIMBAL_ACCELERATION
 from av_pointing.stage import make_pointing_stage
 
 DEAD_S, LAG_S = 0.1, 0.3        # of the body's answer to a yaw rate
@@ -37,7 +38,7 @@ class Vehicle:
     def __init__(self, sources: list[Source], pointing: dict[str, Any] | None = None, gimbal: GimbalMount | None = None,
                  rig: type[FormulaRig] = FormulaRig, **options: Any) -> None:
         self._parameters = node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True, **(pointing or {})})
-        self.pointing = make_pointing_stage(self._parameters, gimbal)
+        self._gimbal, self.pointing = gimbal, make_pointing_stage(self._parameters, gimbal)
         self.commands: list[tuple[float, PointingCommand]] = []
         self.yaw, self._rate = [0.0], 0.0
         self._looks = [(0.0, 0.0)]
@@ -83,13 +84,14 @@ class Vehicle:
         """Limits of angle, rate and acceleration, against the command before."""
         given = self._parameters
         then, before = self.commands[-1] if self.commands else (t, command)
-        gimbal = (given.gimbal_rate_deg, given.gimbal_acceleration_deg)
+        mount = self._gimbal or UNDESCRIBED_GIMBAL
+        gimbal = (mount.max_rate_deg, math.degrees(GIMBAL_ACCELERATION))
         for name, rate, acceleration in (('pan_rate', *gimbal), ('tilt_rate', *gimbal),
                                          ('yaw_rate', given.yaw_rate_deg, given.yaw_acceleration_deg)):
             now, last = math.degrees(getattr(command, name)), math.degrees(getattr(before, name))
             assert abs(now) <= rate + 1e-4, f'{name} is {now} deg/s'
             assert abs(now - last) <= acceleration * (t - then) + 1e-3, f'{name} goes from {last} to {now} in {t - then} s'
-        for name, (low, high) in (('pan', given.pan_limits_deg), ('tilt', given.tilt_limits_deg)):
+        for name, (low, high) in (('pan', mount.pan_limits_deg), ('tilt', mount.tilt_limits_deg)):
             assert low - 1e-3 <= math.degrees(getattr(command, name)) <= high + 1e-3
         if command.mode == PointingCommand.MODE_TRACK and self.rig.moments:
             bearing = self.rig.moments[-1].bearing

@@ -134,6 +134,10 @@ class GimbalMount:
                 raise ValueError(f'{name} is [{low:g}, {high:g}], expected limits around 0 within {most:g} degrees')
 
 
+# What a gimbal can do whose rig's description has none.
+UNDESCRIBED_GIMBAL = GimbalMount(stabilized=False, pan_limits_deg=(-150.0, 150.0), tilt_limits_deg=(-80.0, 45.0))
+
+
 @dataclass(frozen=True)
 class Rig:
     """The sensors that are carried by one body.

@@ -6,6 +6,8 @@ import enum
 import math
 from typing import NamedTuple
 
+DRONE = 'drone'  # class of detections that may be the target, and of tracks
+
 
 class State(enum.IntEnum):
     """State of the tracker, with the values of `av_interfaces/Bearing`."""

@@ -10,7 +10,7 @@ import numpy as np
 from std_msgs.msg import Header
 
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Source, State, Target, Targets, Track
+from av_common.track import DRONE, Source, State, Target, Targets, Track
 from av_interfaces.msg import Bearing, FusionState, TrackArray
 from av_interfaces.msg import Track as TrackMessage
 
@@ -67,7 +67,7 @@ def _track_message(target: Target) -> TrackMessage:
     return TrackMessage(
         id=target.id, existence=target.existence, drone_probability=target.drone_probability,
         identity_probability=target.identity, fundamental=target.fundamental,
-        class_id=target.kind or ('drone' if target.drone_probability >= 0.5 else ''),
+        class_id=target.kind or (DRONE if target.drone_probability >= 0.5 else ''),
         azimuth=track.azimuth, elevation=track.elevation, azimuth_world=track.azimuth_world,
         azimuth_world_rate=track.azimuth_world_rate,
         elevation_world=track.elevation_world, elevation_world_rate=track.elevation_world_rate,

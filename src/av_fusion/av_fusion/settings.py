@@ -50,9 +50,6 @@ def check_sense(p: Any) -> None:
     if p.detection_probability < LEAST_DETECTION:
         raise ValueError(f'detection_probability is {p.detection_probability:g}, with which a drone in full view is not '
                          f'followed; expected {LEAST_DETECTION:g} or more, such as 0.9')
-    if not any(name.strip() for name in p.target_classes):
-        raise ValueError(f'target_classes is {list(p.target_classes)}, so that no detection is the target; expected a name, '
-                         'such as drone')
 
 
 def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:

@@ -38,6 +38,7 @@ MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
 CUE_WRONG = 0.2  # probability that a cue concerns another target
+RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, whose commands have the same rate
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 
 
@@ -46,7 +47,6 @@ class FusionStageSettings:
     """Settings of a `FusionStage`.
 
     Parameters:
-        rate (Hz): rate of outputs while no measurement arrives.
         clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
             not used.
         missing_after (s): an input without messages for this long is reported as missing.
@@ -55,7 +55,6 @@ class FusionStageSettings:
         stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
-    rate: float = 20.0
     clock_tolerance: float = 2.0
     missing_after: float = 1.0
     visibility_age: float = 1.0
@@ -101,7 +100,7 @@ class FusionStage:
         self.tracker, self.converter = tracker, converter
         self.gate = InputGate((DOA, *detections, ODOMETRY), self.settings.clock_tolerance)
         self._observer = observer
-        self._period = 1.0 / self.settings.rate
+        self._period = 1.0 / RATE_HZ
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
@@ -350,9 +349,9 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         tracker: used instead of the one that the parameters describe.
         gimbal, detections: see `FusionStage`.
     """
-    converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
+    converter = MeasurementConverter(rotation_of, camera=camera)
     check = parameters.setup_check
-    settings = FusionStageSettings(parameters.rate, stop_at_faults=check == 'stop')
+    settings = FusionStageSettings(stop_at_faults=check == 'stop')
     tracker = tracker or make_tracker(parameters)
     monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
     return FusionStage(tracker, converter, settings, observer, gimbal, detections, monitor)

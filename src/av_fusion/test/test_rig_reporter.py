@@ -49,7 +49,7 @@ def test_a_report_holds_what_was_added_and_the_place_of_that_time():
     motion = RigMotion()
     for k in range(3):
         motion.add(Pose(START - 1.0 + 0.5 * k, velocity=(4.0, 0.0, 0.0), position=(2.0 * k, 2.0, 3.0)))
-    reporter, tracks = RigReporter(4.0), added(START)
+    reporter, tracks = RigReporter(), added(START)
     report = reporter.report(targets(START), tracks, motion)
     (one,) = report.directions
     assert (one.id, one.azimuth, one.elevation, one.class_id) == (1, 0.5, 0.25, 'drone')
@@ -57,12 +57,12 @@ def test_a_report_holds_what_was_added_and_the_place_of_that_time():
     assert to_seconds(one.measured) == START - 0.25 == to_seconds(report.header.stamp)
     assert list(report.position) == pytest.approx([3.0, 2.0, 3.0])
     assert not reporter.report(targets(START + 0.5), tracks, motion).directions
-    assert np.all(np.isnan(RigReporter(4.0).report(targets(START), added(START), RigMotion()).position))
+    assert np.all(np.isnan(RigReporter().report(targets(START), added(START), RigMotion()).position))
 
 
 def test_reports_are_as_rare_as_asked():
     """Of targets 20 times a second every fifth is told; a clock that is set back starts anew."""
-    reporter = RigReporter(4.0)
+    reporter = RigReporter()
     told = [k for k in range(40) if reporter.report(targets(START + 0.05 * k), [], RigMotion())]
     assert told == [0, 5, 10, 15, 20, 25, 30, 35]
     assert reporter.report(targets(START - 100.0), [], RigMotion())
@@ -70,7 +70,7 @@ def test_reports_are_as_rare_as_asked():
 
 def test_ten_targets_are_below_five_kilobytes_a_second():
     """With 250 bytes a message for Ethernet, IP, UDP and RTPS, encrypted, at four a second."""
-    size = len(serialize_message(RigReporter(4.0).report(targets(START, 10), added(START, 10), RigMotion())))
+    size = len(serialize_message(RigReporter().report(targets(START, 10), added(START, 10), RigMotion())))
     assert 4 * (size + 250) < 5000
 
 
@@ -84,7 +84,7 @@ def test_the_position_is_that_of_the_odometry():
     odometry.pose.pose.position.x = 7.0
     stage.on_odometry(odometry, START)
     output = stage.on_doa(doa(START, 0.3), START + 0.1)
-    report = RigReporter(4.0).report(output.targets, stage.tracker.densities(), stage.tracker.motion)
+    report = RigReporter().report(output.targets, stage.tracker.densities(), stage.tracker.motion)
     assert list(report.position) == [7.0, 0.0, 0.0]
     assert not report.directions
     assert START - 1.0 < to_seconds(report.header.stamp) <= START - 0.45, 'sound of then may still come'
@@ -124,6 +124,6 @@ def test_what_is_heard_by_two_microphones_is_one_angle():
     stage = make_stage()
     for k in range(6):
         output = stage.on_doa(doa(START + 0.25 * k, 0.3), START + 0.25 * k + 0.1)
-    (one,) = RigReporter(4.0).report(output.targets, stage.tracker.densities(), stage.tracker.motion).directions
+    (one,) = RigReporter().report(output.targets, stage.tracker.densities(), stage.tracker.motion).directions
     hh, hv, vv = map(float, one.information)
     assert not one.seen and hh > 100.0 and hh * vv - hv**2 < 1e-3 * hh**2

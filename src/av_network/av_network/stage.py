@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
+from av_common.frames import MAP_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
@@ -51,13 +52,11 @@ class NetworkStageSettings:
     """Settings of a `NetworkStage`.
 
     Parameters:
-        frame: the common frame.
         datum: of its origin.
         report_period (s): least time between two reports of a rig that are used.
         wait (s): see `ReportQueue`.
     """
 
-    frame: str = 'map'
     datum: Datum = NO_DATUM
     report_period: float = 0.04
     wait: float = 1.0
@@ -165,7 +164,7 @@ class NetworkStage:
                   if state.existence >= PUBLISHED and (state.positioned or state.rigs)]
         tracks += self._lone(now)
         datum = self.settings.datum
-        return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=self.settings.frame), latitude=datum.latitude,
+        return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=MAP_FRAME), latitude=datum.latitude,
                                longitude=datum.longitude, altitude=datum.altitude, tracks=tracks,
                                rigs=[self._pose(name) for name in sorted(self._names)])
 

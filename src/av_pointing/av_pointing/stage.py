@@ -22,7 +22,7 @@ from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
-from av_pointing.settings import pointing_settings, with_gimbal
+from av_pointing.settings import pointing_settings
 
 
 class PointingStage:
@@ -152,12 +152,12 @@ def command_message(command: Command, time: float, frame_id: str) -> PointingCom
 
 
 def make_pointing_stage(parameters: Any, gimbal: GimbalMount | None = None) -> PointingStage:
-    """A stage from the parameters of pointing_node. Raises ValueError for stops that exclude 0.
+    """A stage from the parameters of pointing_node. Raises ValueError for a body that would never follow.
 
     Parameters:
         parameters: the node's parameters.
         gimbal: the rig's gimbal, None where it has none.
     """
-    controller = PointingController(with_gimbal(pointing_settings(parameters), gimbal))
+    controller = PointingController(pointing_settings(parameters, gimbal))
     controller.enabled = parameters.enabled
     return PointingStage(controller)

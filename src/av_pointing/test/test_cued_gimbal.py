@@ -11,7 +11,6 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from av_common.freshness import Instant
-from av_common.limited_axis import AxisLimits
 from av_common.rig import GimbalMount
 from av_common.stamps import to_stamp
 from av_common.track import Source, State, Track
@@ -62,11 +61,11 @@ def test_the_gimbal_turns_to_the_cue_and_the_body_stands_still():
 
 def test_limits_of_angle_and_rate_hold():
     """A cue behind the stops: the gimbal stays within them, and no faster than it may."""
-    limits = AxisLimits(math.radians(40.0), math.radians(200.0), -1.0, 1.0)
-    rig = Rig(pan=limits)
+    rig = Rig(GimbalMount(max_rate_deg=40.0, pan_limits_deg=(-57.0, 57.0)))
     rig.run(5.0, place=(-30.0, 5.0, 4.0))
     pans = np.array([each.pan for each in rig.commands])
-    assert np.all(np.abs(pans) <= 1.0 + 1e-9) and np.max(np.abs(np.diff(pans))) <= limits.rate * STEP + 1e-9
+    assert np.all(np.abs(pans) <= math.radians(57.0) + 1e-9)
+    assert np.max(np.abs(np.diff(pans))) <= math.radians(40.0) * STEP + 1e-9
 
 
 @pytest.mark.parametrize('values', [{'cue': False}, {'late': 1.2}, {'late': -0.5}, {'odometry': False}])

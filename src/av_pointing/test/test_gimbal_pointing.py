@@ -166,10 +166,10 @@ def test_the_camera_visits_another_target_within_its_limits_and_the_body_follows
     assert np.abs(np.diff(rates) / STEP).max() <= 1.5 * pan.acceleration  # of finite differences
 
 
-def test_limits_of_the_gimbal_narrow_those_of_the_parameters():
-    settings = with_gimbal(PointingSettings(pan=AxisLimits(2.0, 6.0, -1.0, 3.0)), GimbalMount(
+def test_limits_are_those_of_the_gimbal():
+    settings = with_gimbal(PointingSettings(), GimbalMount(
         pan_limits_deg=(-90.0, 90.0), tilt_limits_deg=(-20.0, 80.0), max_rate_deg=60.0, stabilized=False))
-    assert (settings.pan.lower, settings.pan.upper) == pytest.approx((-1.0, math.pi / 2))
+    assert (settings.pan.lower, settings.pan.upper) == pytest.approx((-math.pi / 2, math.pi / 2))
     assert settings.pan.rate == pytest.approx(math.radians(60.0))
     assert settings.tilt.lower == pytest.approx(math.radians(-20.0))
     assert not settings.stabilized

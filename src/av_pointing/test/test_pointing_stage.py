@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
+from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import bearing_message
@@ -123,11 +124,11 @@ def test_a_pose_that_was_used_is_not_new_when_its_time_comes_again_after_a_step_
 
 @pytest.mark.parametrize(('values', 'named'), [
     ({'body_follows_at_deg': 150.0}, r'body_follows_at_deg is 150, .*expected less than 150'),
-    ({'body_follows_at_deg': 90.0, 'pan_limits_deg': [-60.0, 120.0]}, 'body_follows_at_deg is 90, .*expected less than 60'),
-    ({'pan_limits_deg': [10.0, 60.0]}, 'pan_limits_deg is')])
+    ({'body_follows_at_deg': 90.0}, 'body_follows_at_deg is 90, .*expected less than 60')])
 def test_a_body_that_would_never_follow_is_refused_by_name(values, named):
+    gimbal = None if values['body_follows_at_deg'] == 150.0 else GimbalMount(pan_limits_deg=(-60.0, 120.0))
     with pytest.raises(ValueError, match=named):
-        pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides=values))
+        pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides=values), gimbal)
     pointing_settings(node_parameters('av_pointing', 'pointing_node', overrides={'body_follows_at_deg': 60.0}))
 
 

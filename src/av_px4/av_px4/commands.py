@@ -8,6 +8,8 @@ from dataclasses import dataclass
 GIMBAL_PITCH_YAW = 1000    # MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW
 GIMBAL_CONFIGURE = 1001    # MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 ALLOWED = frozenset({GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE})
+COMPONENT = 191            # of this rig: MAV_COMP_ID_ONBOARD_COMPUTER of MAVLink
+ALL_GIMBALS = 0.0          # in place of the number of a gimbal
 RELEASE = -3.0             # as system and component of 1001: give up control
 
 
@@ -30,24 +32,22 @@ class Command:
             raise ValueError(f'params has {len(self.params)} values, expected 7')
 
 
-def configure(system: float, component: float, gimbal_id: int) -> Command:
+def configure(system: float, component: float) -> Command:
     """Claim or release the primary control of the gimbal manager; the secondary control stays as it is.
 
     Parameters:
         system: MAVLink id of the system in control, RELEASE to give control up
         component: MAVLink id of the component in control, RELEASE to give control up
-        gimbal_id: number of the gimbal, 0 for all
     """
-    return Command(GIMBAL_CONFIGURE, (system, component, -1.0, -1.0, 0.0, 0.0, float(gimbal_id)))
+    return Command(GIMBAL_CONFIGURE, (system, component, -1.0, -1.0, 0.0, 0.0, ALL_GIMBALS))
 
 
-def pitch_yaw(pitch_deg: float, yaw_deg: float, flags: int, gimbal_id: int) -> Command:
+def pitch_yaw(pitch_deg: float, yaw_deg: float, flags: int) -> Command:
     """Point the gimbal; the gimbal chooses the rates.
 
     Parameters:
         pitch_deg (deg): up
         yaw_deg (deg): to the right
         flags: MAVLink's GIMBAL_MANAGER_FLAGS
-        gimbal_id: number of the gimbal, 0 for all
     """
-    return Command(GIMBAL_PITCH_YAW, (pitch_deg, yaw_deg, math.nan, math.nan, float(flags), 0.0, float(gimbal_id)))
+    return Command(GIMBAL_PITCH_YAW, (pitch_deg, yaw_deg, math.nan, math.nan, float(flags), 0.0, ALL_GIMBALS))

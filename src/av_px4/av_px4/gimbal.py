@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from av_common.limited_axis import AxisLimits, LimitedAxis
-from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
+from av_px4.commands import COMPONENT, GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
 from av_px4.frames import gimbal_degrees
 
 ACCEPTED, IN_PROGRESS, UNSUPPORTED = 0, 5, 3
@@ -40,11 +40,9 @@ class Claim(enum.Enum):
 
 @dataclass(frozen=True)
 class GimbalSettings:
-    """Ids and limits of the gimbal. Raises ValueError for the autopilot's id, or limits that prevent a stop within 0.25 s.
+    """Limits of the gimbal. Raises ValueError for those that prevent a stop within 0.25 s.
 
     Parameters:
-        component: MAVLink component id of this rig, never 1 (the autopilot's)
-        gimbal_id: number of the gimbal, 0 for all
         flags: MAVLink's GIMBAL_MANAGER_FLAGS
         pan (rad, rad/s, rad/s^2): limits of the pan axis, positive to the left
         tilt (rad, rad/s, rad/s^2): limits of the tilt axis, positive upwards
@@ -52,8 +50,6 @@ class GimbalSettings:
         after_takeover: what follows when another takes the gimbal
     """
 
-    component: int = 191
-    gimbal_id: int = 0
     flags: int = ROLL_AND_PITCH_LOCK
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -2.7, 2.7))
     tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -1.5, 0.8))
@@ -61,8 +57,6 @@ class GimbalSettings:
     after_takeover: AfterTakeover = AfterTakeover.AGAIN
 
     def __post_init__(self) -> None:
-        if not 2 <= self.component <= 255:
-            raise ValueError(f'component is {self.component}, expected 2 to 255: 1 is the autopilot itself')
         for axis in (self.pan, self.tilt):
             if axis.rate / axis.acceleration > STOPS_S:
                 raise ValueError(f'the gimbal at {math.degrees(axis.rate):.0f} deg/s and {math.degrees(axis.acceleration):.0f} '
@@ -170,7 +164,7 @@ class Gimbal:
         claimed, self.claim = self.claim is not Claim.NONE, Claim.NONE
         self._next_claim, self._waiting_since = -math.inf, None
         self._rest()
-        return [configure(RELEASE, RELEASE, self.settings.gimbal_id)] if claimed else []
+        return [configure(RELEASE, RELEASE)] if claimed else []
 
     def _watch(self, time: float) -> None:
         if (self.settings.need_ack and self._waiting_since is not None
@@ -199,7 +193,7 @@ class Gimbal:
         if inputs.measured is not None:  # start from the gimbal's measured angles, not from the last command
             for axis, angle in zip((self._pan, self._tilt), inputs.measured, strict=True):
                 axis.position = min(max(angle, axis.limits.lower), axis.limits.upper)
-        return [configure(inputs.system, self.settings.component, self.settings.gimbal_id)]
+        return [configure(inputs.system, COMPONENT)]
 
     def _point(self, time: float, dt: float, inputs: GimbalInputs) -> list[Command]:
         if inputs.fresh and all(map(math.isfinite, (inputs.pan, inputs.tilt, inputs.pan_rate))):
@@ -217,4 +211,4 @@ class Gimbal:
         self._sent = time
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
         pitch, yaw = gimbal_degrees(self._pan.position, self._tilt.position)
-        return [pitch_yaw(pitch, yaw, self.settings.flags, self.settings.gimbal_id)]
+        return [pitch_yaw(pitch, yaw, self.settings.flags)]

@@ -34,12 +34,11 @@ class GimbalFeedback:
 
     Parameters:
         frame: of the gimbal
-        gimbal_id: number of the gimbal, 0 for any
     """
 
-    def __init__(self, frame: str, gimbal_id: int) -> None:
+    def __init__(self, frame: str) -> None:
         self.reported: tuple[float, float] | None = None
-        self._gimbal, self._id = GimbalMount(frame=frame), gimbal_id
+        self._gimbal = GimbalMount(frame=frame)
         self._clock = px4_clock()
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
@@ -52,8 +51,6 @@ class GimbalFeedback:
 
         Raises ValueError for an impossible attitude or flags, and for a gimbal that reports a failure.
         """
-        if self._id and getattr(message, 'gimbal_device_id', 0) not in (0, self._id):
-            return None
         checked_orientation(message.q, 'attitude')
         if message.failure_flags & FAILED:
             raise ValueError(f'the gimbal reports the failure {message.failure_flags}')

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 
 from av_common.frames import BASE_FRAME, ODOM_FRAME
 from av_common.stamps import to_stamp
-from av_px4.commands import Command
+from av_px4.commands import COMPONENT, Command
 from av_px4.external_mode import Answer, Configure, Register, Registration
 from av_px4.frames import Pose, pose_from_px4, yawspeed_ned
 from av_px4.handover import VehicleStatus
@@ -61,18 +61,17 @@ def odometry_message(time: float, pose: Pose) -> Odometry:
     return message
 
 
-def command_message(messages: Any, timestamp: int, command: Command, system: int, component: int) -> Any:
+def command_message(messages: Any, timestamp: int, command: Command, system: int) -> Any:
     """A VehicleCommand to the autopilot.
 
     Parameters:
         messages, timestamp: see above
         command: number and parameters of the command
         system: MAVLink system id of the vehicle
-        component: MAVLink component id of this rig
     """
     numbers = {f'param{number}': float(value) for number, value in enumerate(command.params, 1)}
     return messages.VehicleCommand(timestamp=timestamp, command=command.command, target_system=system,
-                                   target_component=AUTOPILOT, source_system=system, source_component=component,
+                                   target_component=AUTOPILOT, source_system=system, source_component=COMPONENT,
                                    from_external=True, **numbers)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from av_common.limited_axis import AxisLimits
+from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_px4.gimbal import ROLL_AND_PITCH_LOCK, AfterTakeover, GimbalSettings
 from av_px4.motors import RADIANS_PER_RPM
 
@@ -20,7 +21,7 @@ class Px4Settings:
 
     Parameters:
         max_rate (rad/s): largest yaw rate of the body
-        gimbal: ids and limits of the gimbal
+        gimbal: limits of the gimbal
         use_gimbal: whether the gimbal is claimed and pointed
         lock_to_horizon: whether the gimbal expects angles relative to the horizon
         turn_body: whether the body is turned in any mode
@@ -41,20 +42,23 @@ class Px4Settings:
     gimbal_frame: str = 'gimbal_link'
 
 
-def px4_settings(p: Any) -> Px4Settings:
-    """The settings given by px4_node's parameters. Raises ValueError for stops of the gimbal that exclude 0."""
-    return Px4Settings(
-        max_rate=math.radians(p.body.rate_deg), gimbal=_gimbal_settings(p), use_gimbal=p.gimbal.enabled,
-        lock_to_horizon=p.gimbal.lock_to_horizon, turn_body=p.turn_body, offboard=p.offboard,
-        external_mode=MODE_NAME if p.external_mode else '', full_speed=RADIANS_PER_RPM * p.motors.full_rpm,
-        gimbal_frame=p.gimbal.frame)
+def px4_settings(p: Any, gimbal: GimbalMount | None = None) -> Px4Settings:
+    """The settings given by px4_node's parameters. Raises ValueError for a gimbal that could not be stopped.
 
-
-def _gimbal_settings(p: Any) -> GimbalSettings:
-    rate = math.radians(p.gimbal.rate_deg)
+    Parameters:
+        p: the parameters.
+        gimbal: the rig's gimbal; None where its description has none.
+    """
+    mount = gimbal or replace(UNDESCRIBED_GIMBAL, stabilized=True)
+    rate = math.radians(mount.max_rate_deg)
     motion = (rate, rate / GIMBAL_STOPS_S)
-    return GimbalSettings(
-        component=p.component, gimbal_id=p.gimbal.id, flags=ROLL_AND_PITCH_LOCK if p.gimbal.lock_to_horizon else 0,
-        pan=AxisLimits(*motion, *map(math.radians, p.gimbal.pan_limits_deg)),
-        tilt=AxisLimits(*motion, *map(math.radians, p.gimbal.tilt_limits_deg)),
-        need_ack=p.gimbal.need_ack, after_takeover=AfterTakeover(p.gimbal.after_takeover))
+    return Px4Settings(
+        max_rate=math.radians(p.body.rate_deg), use_gimbal=p.gimbal.enabled,
+        gimbal=GimbalSettings(
+            flags=ROLL_AND_PITCH_LOCK if mount.stabilized else 0,
+            pan=AxisLimits(*motion, *map(math.radians, mount.pan_limits_deg)),
+            tilt=AxisLimits(*motion, *map(math.radians, mount.tilt_limits_deg)),
+            need_ack=p.gimbal.need_ack, after_takeover=AfterTakeover(p.gimbal.after_takeover)),
+        lock_to_horizon=mount.stabilized, turn_body=p.turn_body, offboard=p.offboard,
+        external_mode=MODE_NAME if p.external_mode else '', full_speed=RADIANS_PER_RPM * p.motors.full_rpm,
+        gimbal_frame=mount.frame)

@@ -20,7 +20,7 @@ from av_common.stamps import to_seconds
 from av_common.stopping import STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
-from av_px4.commands import Command
+from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import Configure, ExternalMode, Register, Registration
 from av_px4.frames import Pose, pose_from_px4
@@ -87,7 +87,7 @@ class Px4Stage:
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(settings.external_mode, versions) if wanted else None
         self.odometry = OdometryConverter()
-        self.gimbal_feedback = GimbalFeedback(settings.gimbal_frame, settings.gimbal.gimbal_id)
+        self.gimbal_feedback = GimbalFeedback(settings.gimbal_frame)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(settings.max_rate, settings.turn_body and settings.offboard)
         self._messages, self._place = messages, HeldPosition()
@@ -222,7 +222,7 @@ class Px4Stage:
         """Pass an acknowledgement to the gimbal client; acknowledgements to other components are ignored."""
         self._now = arrival
         if self._status and (message.target_system, message.target_component) == (
-                self._status.system_id, self.settings.gimbal.component):
+                self._status.system_id, COMPONENT):
             self.gimbal.acknowledge(arrival.steady, message.command, message.result)
         return []
 
@@ -366,7 +366,7 @@ class Px4Stage:
         return self._out('trajectory_setpoint', px4.setpoint_message, self._place.hold(), yaw_rate)
 
     def _commands(self, commands: list[Command]) -> list[Outgoing]:
-        return [self._out('vehicle_command', px4.command_message, command, self.system_id, self.settings.gimbal.component)
+        return [self._out('vehicle_command', px4.command_message, command, self.system_id)
                 for command in commands]
 
     def _report(self) -> list[Outgoing]:
@@ -388,11 +388,11 @@ class Px4Stage:
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
 
 
-def make_px4_stage(parameters: Any, messages: Any) -> Px4Stage:
+def make_px4_stage(parameters: Any, messages: Any, gimbal: GimbalMount | None = None) -> Px4Stage:
     """The stage of px4_node. Raises ValueError for impossible limits.
 
     Parameters:
         parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
         messages: the module px4_msgs.msg
     """
-    return Px4Stage(px4_settings(parameters), messages)
+    return Px4Stage(px4_settings(parameters, gimbal), messages)

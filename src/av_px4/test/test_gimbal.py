@@ -117,11 +117,6 @@ class TestRules:
         with pytest.raises(ValueError, match='allowed'):
             Command(number, (0.0,) * 7)
 
-    @pytest.mark.parametrize('component', [0, 1, 256])
-    def test_no_other_ones_component_id(self, component):
-        with pytest.raises(ValueError, match=f'component is {component}'):
-            GimbalSettings(component=component)
-
     def test_limits_that_cannot_stop_in_time_are_refused(self):
         with pytest.raises(ValueError, match='to stop'):
             GimbalSettings(pan=AxisLimits(2.0, 4.0))

@@ -28,8 +28,8 @@ def report(flags, yaw_deg, pitch_deg, time=50.0, **changes):
     return SimpleNamespace(**usual | changes)
 
 
-def converted(make, attitude=VEHICLE, gimbal_id=0):
-    feedback, state = GimbalFeedback(NAMES[1], gimbal_id), None
+def converted(make, attitude=VEHICLE):
+    feedback, state = GimbalFeedback(NAMES[1]), None
     for step in range(60):
         state = feedback.convert(make(50.0 + 0.05 * step), 1000.0 + 0.05 * step, attitude)
     return state, feedback
@@ -57,11 +57,6 @@ def test_a_setpoint_is_no_measurement():
 
 def test_without_the_vehicles_attitude_nothing_is_said():
     assert converted(lambda time: report(YAW_IN_VEHICLE_FRAME, 0.0, 0.0, time), None)[0] is None
-
-
-def test_another_gimbal_does_not_count():
-    assert converted(lambda time: report(0, 0.0, 0.0, time, gimbal_device_id=2), gimbal_id=1)[0] is None
-    assert converted(lambda time: report(0, 0.0, 0.0, time, gimbal_device_id=1), gimbal_id=1)[0] is not None
 
 
 @pytest.mark.parametrize('changes', [

@@ -64,7 +64,7 @@ def cot_settings(values: Any, name: str) -> CotSettings:
         name: full name of the ROS node.
     """
     namespace = name.strip('/').rpartition('/')[0]
-    return CotSettings(values.cot.uid or node_uuid(name), namespace or CotSettings.callsign)
+    return CotSettings(node_uuid(name), namespace or CotSettings.callsign)
 
 
 def cot_address(values: Any) -> CotAddress:

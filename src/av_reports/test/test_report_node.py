@@ -192,10 +192,10 @@ def test_tak_and_files_get_the_same(tmp_path):
         receiver.bind(('127.0.0.1', 0))
         receiver.settimeout(LONG_S)
         url = f'udp://127.0.0.1:{receiver.getsockname()[1]}'
-        rig = Rig(f'cot.url:={url}', f'log.folder:={tmp_path}', 'cot.uid:=rig-1', *SURVEYED)
+        rig = Rig(f'cot.url:={url}', f'log.folder:={tmp_path}', *SURVEYED)
         try:
             events = {}
-            while len(events) < 2 or 'rig-1' not in events:
+            while len(events) < 2:
                 event = xml.dom.minidom.parseString(receiver.recv(4000)).documentElement
                 events[event.getAttribute('uid')] = event
             sensor, = [found for event in events.values() for found in event.getElementsByTagName('sensor')]

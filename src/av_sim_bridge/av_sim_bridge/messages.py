@@ -14,6 +14,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.frames import attitude_of, checked_orientation
 from av_common.stamps import to_seconds, to_stamp
+from av_common.track import DRONE
 from av_interfaces.msg import GimbalState
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.error import FARTHEST_M, check_within
@@ -73,7 +74,7 @@ def oracle_detections_message(header: Header, boxes: list[OracleBox]) -> Detecti
         boxes: boxes in pixels of the image
     """
     corners = np.array([(box.min_x, box.min_y, box.max_x, box.max_y) for box in boxes]).reshape(-1, 4)
-    detections = Detections(corners, np.array([box.score for box in boxes]), ('drone',) * len(boxes))
+    detections = Detections(corners, np.array([box.score for box in boxes]), (DRONE,) * len(boxes))
     return detections_message(header, detections, ('oracle',) * len(boxes))
 
 

@@ -301,7 +301,7 @@ def test_what_people_tune_is_shown_and_set_within_its_bounds_and_nothing_else(ri
     bounds = rclpy.node.FloatingPointRange(from_value=1.0, to_value=360.0)
     rig.node.declare_parameter('yaw_rate_deg', 45.0, rclpy.node.ParameterDescriptor(
         description='how fast', floating_point_range=[bounds]))
-    rig.node.declare_parameter('gimbal_rate_deg', 120.0, rclpy.node.ParameterDescriptor(read_only=True))
+    rig.node.declare_parameter('yaw_rate_deg', 45.0, rclpy.node.ParameterDescriptor(read_only=True))
     rig.node.declare_parameter('other', 1.0)
     rig.fusion.declare_parameters('', [('tau', 0.5), ('confirm_threshold', 0.95)])
     with rig.viewer(control=True) as viewer:

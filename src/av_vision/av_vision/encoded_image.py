@@ -48,7 +48,7 @@ def check_pixels(width: int, height: int, most: int) -> None:
         most: maximum number of pixels.
     """
     if not (0 < width * height <= most and max(width, height) <= MOST_SIDE):
-        raise ValueError(f'image of {width}x{height} pixels, expected 1 to {most} pixels (max_image_pixels), and at most '
+        raise ValueError(f'image of {width}x{height} pixels, expected 1 to {most} pixels, and at most '
                          f'{MOST_SIDE} in width and height')
 
 

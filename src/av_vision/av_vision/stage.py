@@ -15,6 +15,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.camera import PinholeCamera
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
+from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
 from av_vision.encoded_image import MOST_PIXELS, check_pixels
@@ -42,18 +43,16 @@ class DetectionStage:
         detector: the detector and its state over images.
         visibility: rate and scene of estimates of visibility; None for no estimates.
         camera: intrinsics; None until `on_camera_info`.
-        most_pixels: maximum number of pixels of an image; larger ones are refused.
         rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
             raise ValueError.
     """
 
     def __init__(self, detector: TemporalDetector, visibility: VisibilitySettings | None = None,
-                 camera: PinholeCamera | None = None, most_pixels: int = MOST_PIXELS,
+                 camera: PinholeCamera | None = None,
                  rotation_of: RotationOf = lambda frame, time: None) -> None:
         self.detector = detector
         self.shown: NDArray[np.uint8] | None = None
         self._gain = AutomaticGain()
-        self._most_pixels = most_pixels
         self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0))
         self._camera, self._rotation_of, self._told = camera, rotation_of, False
         self._attitudes = AttitudeHistory()
@@ -73,11 +72,12 @@ class DetectionStage:
         Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
-        image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
+        image = self.shown = self._gain.apply(image_from_message(message), time)
         camera = self._camera_of(image.shape[1], image.shape[0])
         pose = self._pose(header.frame_id, time, camera)
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
-        visibility = self._visibility.report(image, time, camera)
+        level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
+        visibility = self._visibility.report(image, time, camera, level)
         complete = len(detections) or self.detector.searched(time)
         return (detections_message(header, detections, tracks) if complete else None,
                 None if visibility is None else visibility_message(header, visibility))
@@ -131,7 +131,7 @@ class DetectionStage:
 
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
-        check_pixels(message.width, message.height, self._most_pixels)
+        check_pixels(message.width, message.height, MOST_PIXELS)
         self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
@@ -178,8 +178,8 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
     rate = 0.0 if p.camera_kind == 'thermal' else p.visibility_rate
-    visibility = VisibilitySettings(rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
-    return DetectionStage(temporal, visibility, camera, p.max_image_pixels, rotation_of)
+    visibility = VisibilitySettings(rate, p.visibility_distance, p.camera_height)
+    return DetectionStage(temporal, visibility, camera, rotation_of)
 
 
 def make_detector(parameters: Any) -> Detector:
@@ -191,7 +191,7 @@ def make_detector(parameters: Any) -> Detector:
     if is_model_file(name):
         return own_detector(parameters)
     made = DETECTORS.load(name)(parameters)
-    return made if isinstance(made, Detector) else ForeignDetector(made, _settings(parameters), parameters.target_class)
+    return made if isinstance(made, Detector) else ForeignDetector(made, _settings(parameters), DRONE)
 
 
 def own_detector(parameters: Any) -> Detector:
@@ -207,7 +207,7 @@ def own_detector(parameters: Any) -> Detector:
 def _settings(p: Any) -> DetectorSettings:
     """Settings from the parameters of detector_node; empty names in lists are ignored."""
     return DetectorSettings(
-        score_threshold=p.score_threshold, keep=(p.target_class,),
-        rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
+        score_threshold=p.score_threshold, keep=(DRONE,),
+        rename=dict.fromkeys(filter(None, p.keep_classes), DRONE), layout=p.layout,
         class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
         providers=tuple(p.providers), threads=p.threads)

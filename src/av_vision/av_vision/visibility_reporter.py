@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_common.frames import FLU_TO_OPTICAL
 from av_common.stamps import to_seconds
 from av_vision.messages import image_from_message
 from av_vision.visibility import Visibility, estimate, ground_distances
@@ -26,13 +26,11 @@ class VisibilitySettings:
         rate (1/s): rate of estimates; 0 for none.
         target_distance (m): distance for which the share of contrast is reported.
         camera_height (m): height over flat ground; 0 when unknown.
-        camera_pitch (rad): pitch downwards from the horizon (REP-103).
     """
 
     rate: float = 2.0
     target_distance: float = 10.0
     camera_height: float = 0.0
-    camera_pitch: float = 0.0
 
 
 class VisibilityReporter:
@@ -48,7 +46,6 @@ class VisibilityReporter:
     def __init__(self, settings: VisibilitySettings) -> None:
         self._settings = settings
         self._next = -math.inf
-        self._ground: tuple[PinholeCamera, NDArray] | None = None
         self._depth: tuple[float, NDArray] | None = None  # time in s, image
 
     def on_depth(self, message: Any) -> None:
@@ -58,25 +55,30 @@ class VisibilityReporter:
         """
         self._depth = to_seconds(message.header.stamp), image_from_message(message)
 
-    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None) -> Visibility | None:
+    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None,
+               rotation: NDArray | None = None) -> Visibility | None:
         """The visibility in an image, None when no estimate is due.
 
         Parameters:
             image (h, w[, channels]): BGR, grey or 16-bit.
             time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
             camera: of this image, for flat ground; None while unknown.
+            rotation (3, 3): from its optical frame to a level frame; None where unknown: it looks level.
         """
         rate = self._settings.rate
         if rate <= 0.0 or self._next - 1.0 / rate <= time < self._next:
             return None
         self._next = time + 1.0 / rate
-        return estimate(image, self._distance((image.shape[0], image.shape[1]), time, camera), self._settings.target_distance)
+        level = FLU_TO_OPTICAL.T if rotation is None else rotation
+        distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
+        return estimate(image, distance, self._settings.target_distance)
 
     def reset(self) -> None:
         """Estimate visibility in the next image, and discard the last depth image."""
         self._next, self._depth = -math.inf, None
 
-    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None) -> NDArray | None:
+    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None,
+                  rotation: NDArray) -> NDArray | None:
         if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
             depth = self._depth[1]
             if depth.shape != shape:
@@ -85,7 +87,4 @@ class VisibilityReporter:
         height = self._settings.camera_height
         if camera is None or not height > 0.0:
             return None
-        if self._ground is None or self._ground[0] != camera:
-            pitch = rotation_from_rpy(0.0, self._settings.camera_pitch, 0.0)
-            self._ground = camera, ground_distances(camera, height, pitch @ FLU_TO_OPTICAL.T)
-        return self._ground[1]
+        return ground_distances(camera, height, rotation)

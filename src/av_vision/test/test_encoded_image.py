@@ -39,7 +39,7 @@ def resized(jpeg, width, height):
 def test_what_opencv_writes_is_read(data):
     assert size_of(data) == (44, 30)
     assert decode_image(data, cv2.IMREAD_UNCHANGED, 44 * 30).shape[:2] == (30, 44)
-    with pytest.raises(ValueError, match=r'44x30 pixels, expected 1 to 1319 pixels \(max_image_pixels\)'):
+    with pytest.raises(ValueError, match=r'44x30 pixels, expected 1 to 1319 pixels'):
         decode_image(data, cv2.IMREAD_UNCHANGED, 44 * 30 - 1)
 
 

@@ -70,12 +70,11 @@ class PlayerNode(RigNode):
             self.get_logger().info(reason)
         layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
             if settings.audio_rate else None
-        stop = settings.start + settings.duration if settings.duration else math.inf
+        self._stop = position + settings.duration if settings.duration else math.inf
         self._static_topic = found.topics.pop(names.FRAMES, None)
         self._bag, self._path, self._topics, self._layout = bag, path, found.topics, layout
-        self._range = (settings.start, stop)
         self._feed = self._feed_from(position)
-        self._length = min(stop, bag.length) - settings.start
+        self._length = min(self._stop, bag.length)
         self._position = self._wanted_position = position
         self._seek = False
 
@@ -149,8 +148,7 @@ class PlayerNode(RigNode):
 
     def _feed_from(self, position: float) -> Feed:
         """What is played from a time (s) after the start on."""
-        start, stop = self._range
-        return Feed(self._bag, self._topics, self._layout, start + position, stop, decode=False)
+        return Feed(self._bag, self._topics, self._layout, position, self._stop, decode=False)
 
     def _run(self) -> None:
         waited = False

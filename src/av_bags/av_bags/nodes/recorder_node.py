@@ -49,7 +49,7 @@ class RecorderNode(RigNode):
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
         path = numbered(datetime.now().strftime(self._settings.path), self._number)
-        self._writer = BackgroundWriter(path, self._settings.compression, 1_000_000 * self._settings.queue_mb)
+        self._writer = BackgroundWriter(path)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
         self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -50,7 +50,7 @@ class MonitorNode(RigNode):
         """Start an empty log."""
         self._settings = self.settings
         self._rotations = TfRotations(self)
-        self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
+        self._converter = MeasurementConverter(self._rotations.rotation)
         self._recorder = RunRecorder(folder=Path(tempfile.gettempdir()))
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
@@ -150,14 +150,14 @@ class MonitorNode(RigNode):
         self._reported = True
         log = self._recorder.log
         summary = summarise(log)
-        print(f'\n{self._settings.title}\n{format_table(summary)}', flush=True)
+        print(f'\n{format_table(summary)}', flush=True)
         if self._settings.out:
             out = Path(self._settings.out)
             log.save(out)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
             from av_evaluation.report.plot import draw  # matplotlib takes a second to load: not at the start
 
-            draw(log, out / 'bearing.png', self._settings.title)
+            draw(log, out / 'bearing.png')
             print(f'{"plot":<{LABEL_WIDTH}}  {out / "bearing.png"}', flush=True)
 
 

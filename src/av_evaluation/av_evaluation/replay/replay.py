@@ -211,7 +211,7 @@ class Replay:
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
         camera = self._camera(rig)
-        self._converter = MeasurementConverter(self._frames.rotation, fusion.target_classes, camera)
+        self._converter = MeasurementConverter(self._frames.rotation, camera=camera)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
             tracker: Tracker = make_tracker(fusion, rig.gimbal)

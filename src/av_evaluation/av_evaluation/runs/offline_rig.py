@@ -37,8 +37,6 @@ from av_sim_bridge.wire.gimbal import GimbalSample
 from av_vision.messages import image_message
 from av_vision.stage import DetectionStage
 
-TARGET_CLASSES = ('drone',)
-
 
 class OfflineRig:
     """Passes samples, images and poses through the stages of the rig and records what follows. Times are in s.
@@ -74,7 +72,7 @@ class OfflineRig:
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
         history = GimbalHistory() if gimbal else None
         rotation_of = fixed_rotations(rotations) if history is None else carried(rotations, 'camera', history)
-        self._converter = MeasurementConverter(rotation_of, TARGET_CLASSES, camera)
+        self._converter = MeasurementConverter(rotation_of, camera=camera)
         if detection is not None:
             detection.mount(camera, rotation_of)
         recorder = RunRecorder(self.record)

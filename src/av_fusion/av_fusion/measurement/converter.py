@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.stamps import to_seconds
+from av_common.track import DRONE
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body, image_in_body
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
 from av_interfaces.msg import DoaArray
@@ -41,7 +42,7 @@ class MeasurementConverter:
         camera: initial value of the attribute; `set_camera_info` replaces it.
     """
 
-    def __init__(self, rotation_of: RotationOf, target_classes: Sequence[str],
+    def __init__(self, rotation_of: RotationOf, target_classes: Sequence[str] = (DRONE,),
                  camera: PinholeCamera | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)

@@ -25,7 +25,7 @@ from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
-from av_fusion.stage import GIMBAL, FusionOutput, make_fusion_stage
+from av_fusion.stage import GIMBAL, RATE_HZ, FusionOutput, make_fusion_stage
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, RigReport, TrackArray, Visibility
 from av_interfaces.srv import SelectTarget
 
@@ -50,7 +50,7 @@ class FusionNode(RigNode):
         self._sights = {f'{camera}/camera_info': detections_topic(camera) for camera in cameras}
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
                                         gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
-        self._reporter = RigReporter(self._settings.network_rate)
+        self._reporter = RigReporter()
         self._untransformed = 0
         self._meters = {name: RateMeter() for name in ('doa', *self._sights.values(), 'odometry')}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
@@ -76,7 +76,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
         self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._gimbals, *self._sights, *self._sights.values(),
                                       tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
-        self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
+        self._timer = self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
 
     @staticmethod
     def check_parameters(settings: Any) -> None:

@@ -50,7 +50,7 @@ class NetworkNode(RigNode):
         if any(place.source == FIX for place in places) and not datum.known:
             raise ValueError('pose_sources has fix, which needs datum.known, and latitude, longitude and altitude of datum')
         rigs = [self._rig(name, not index) for index, name in enumerate(names)]
-        self._stage = NetworkStage(rigs, places, NetworkStageSettings(p.frame, datum), NetworkSettings())
+        self._stage = NetworkStage(rigs, places, NetworkStageSettings(datum), NetworkSettings())
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)

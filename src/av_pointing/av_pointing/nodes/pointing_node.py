@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -27,7 +27,7 @@ from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import PERIOD_S
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
-from av_pointing.settings import pointing_settings, with_gimbal
+from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
 
 PAUSE_S = 1.0  # without a command of a node whose period is PERIOD_S: its process was stopped, and what waits in queues is old
@@ -37,7 +37,7 @@ DRAINED_S = 0.5  # after a pause, in which requests that waited are answered
 class PointingNode(RigNode):
     """Runs a `PointingStage`."""
 
-    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'gimbal_rate_deg', 'yaw_rate_deg'})
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'yaw_rate_deg'})
 
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
@@ -83,14 +83,9 @@ class PointingNode(RigNode):
         self._stage.controller.enabled = False
         self._publisher.publish(self._stage.on_time(self._instant()))
 
-    @staticmethod
-    def check_parameters(settings: Any) -> None:
-        """Limits must enclose the neutral angle."""
-        pointing_settings(settings)
-
     def apply_parameters(self) -> None:
-        """Use other limits of rate from the next command on."""
-        self._stage.controller.limit_rates(with_gimbal(pointing_settings(self.settings), self._gimbal))
+        """Use another limit of the yaw rate from the next command on."""
+        self._stage.controller.limit_rates(pointing_settings(self.settings, self._gimbal))
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()

@@ -16,13 +16,14 @@ from av_common.freshness import Instant
 from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT, STREAM
+from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, GimbalState, PointingCommand
 from av_px4.external_mode import Registration
 from av_px4.gimbal import Claim
 from av_px4.guard import STATUS_TIMEOUT
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
-from av_px4.settings import MODE_NAME, px4_settings
+from av_px4.settings import MODE_NAME
 from av_px4.stage import (
     GIMBAL_TOPIC,
     HEARTBEAT,
@@ -60,7 +61,8 @@ class Px4Node(RigNode):
         """Create the stage and the publishers. Raises ImportError without px4_msgs, ValueError for impossible limits."""
         self._settings = self.settings
         self._link = Px4Link(self, self._settings.fmu)
-        self._stage = make_px4_stage(self._settings, self._link.messages)
+        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        self._stage = make_px4_stage(self._settings, self._link.messages, gimbal)
         for name, kind in (OUTPUTS | (MODE_OUTPUTS if self._stage.mode else {})).items():
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in self._inputs().items():
@@ -96,11 +98,6 @@ class Px4Node(RigNode):
             self._kept_mode.keep(*NO_MODE)
         self._outputs.pop(MOTORS_TOPIC, None)
         self._link.close()
-
-    @staticmethod
-    def check_parameters(settings: Any) -> None:
-        """Stops of the gimbal must enclose 0."""
-        px4_settings(settings)
 
     def _inputs(self) -> dict[str, str]:
         """PX4's inputs that this node writes, with their messages: only those that it needs, as others look at the graph."""

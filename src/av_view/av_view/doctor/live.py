@@ -26,6 +26,7 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import Rig
 from av_common.stamps import to_seconds
+from av_common.track import DRONE
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations
 from av_fusion.measurement.gimbal import gimbal_rotations
@@ -109,7 +110,7 @@ class LiveCheck:
         seeing = {camera.optical_frame: camera.optical_to_body for camera in rig.cameras.values()}
         self._converter = MeasurementConverter(
             fixed_rotations(fixed | seeing) if rig.gimbal is None else gimbal_rotations(fixed, seeing, self._gimbal),
-            ['drone', CLASS])
+            [DRONE, CLASS])
         self._motion = RigMotion()
         self._monitor = ConsistencyMonitor(self._motion)
         self._pictured = self._marked = -math.inf

@@ -24,7 +24,7 @@ from av_view.bag_folder import BagFolder
 TIMEOUT_S = 5.0
 LONGEST_MARK = 200  # characters
 # Parameters that people tune while they look, by nodes of the rig.
-TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('gimbal_rate_deg', 'yaw_rate_deg')}
+TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('yaw_rate_deg',)}
 # Values of parameters that a page can enter.
 KINDS = {ParameterType.PARAMETER_BOOL: Parameter.Type.BOOL, ParameterType.PARAMETER_INTEGER: Parameter.Type.INTEGER,
          ParameterType.PARAMETER_DOUBLE: Parameter.Type.DOUBLE, ParameterType.PARAMETER_STRING: Parameter.Type.STRING}

@@ -94,7 +94,7 @@ class RigWatch:
         before = set(node.entities())
         # Viewers wait for no transform.
         self._rotations = TfRotations(node, LATEST_S, f'{rig}/')
-        self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
+        self._converter = MeasurementConverter(self._rotations.rotation)
         # In the order in which they are taken: the camera before what is seen through it.
         self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
                    period=CAMERA_PERIOD_S)

@@ -14,6 +14,7 @@ import cv2
 from numpy.typing import NDArray
 
 from av_common.parameters import node_parameters
+from av_common.track import DRONE
 from av_vision.drawing import draw
 from av_vision.methods import is_model_file
 from av_vision.models import shipped_model
@@ -105,8 +106,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
     """The detector's settings from the command line."""
     names = tuple(name for name in arguments.classes.split(',') if name)
-    keep = () if names == ('all',) else ('drone',)
-    rename = {} if names == ('all',) else dict.fromkeys(names, 'drone')
+    keep = () if names == ('all',) else (DRONE,)
+    rename = {} if names == ('all',) else dict.fromkeys(names, DRONE)
     return DetectorSettings(score_threshold=arguments.threshold, keep=keep, rename=rename, input_size=arguments.size,
                             slice_size=arguments.slice)
 
