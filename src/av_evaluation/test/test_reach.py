@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from av_evaluation.cli import range as table
-from av_evaluation.hearing.reach import ARRAYS, DISTANCES_M, Air, Place, Scene
+from av_evaluation.hearing.reach import ARRAYS, DISTANCES_M, Place, Scene
 from av_simulator.config_files import find_config
 from av_simulator.sound.source import load_profile
 
@@ -26,7 +26,7 @@ class White:
 
 def test_the_bound_of_a_pair_is_that_of_knapp_and_carter(monkeypatch):
     """A white source at 1 m in white noise that the microphones do not share, as strong, at broadside."""
-    scene = Scene(White(1.0), Place('noise', 30.0, 0.0), ARRAYS[2], Air(20.0, 50.0))
+    scene = Scene(White(1.0), Place('noise', 30.0, 0.0), ARRAYS[0])
     monkeypatch.setattr('av_evaluation.hearing.reach.PAIR_RAD', 0.0)
     monkeypatch.setattr('av_evaluation.hearing.reach.WITHIN_RAD', 0.002)
     scene._noise = np.random.default_rng(2).normal(size=scene._noise.shape)
@@ -37,7 +37,7 @@ def test_the_bound_of_a_pair_is_that_of_knapp_and_carter(monkeypatch):
 
 def test_less_is_heard_where_it_is_louder():
     signal = load_profile(find_config('camera_quadrotor', 'drones')).signal
-    quiet, loud = (Scene(signal, Place('', level, 0.0), ARRAYS[2], Air()).reach() for level in (30.0, 60.0))
+    quiet, loud = (Scene(signal, Place('', level, 0.0), ARRAYS[0]).reach() for level in (30.0, 60.0))
     assert loud.direction < 0.5 * quiet.direction <= quiet.bound * 1.5 and loud.bound < 0.5 * quiet.bound
     assert quiet.judged > loud.judged and set(quiet) <= {0.0, *DISTANCES_M.tolist()}
 

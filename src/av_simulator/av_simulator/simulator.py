@@ -61,34 +61,26 @@ class WireOptions:
             reached.
         allowed_senders: senders of commands that are obeyed (see `AllowedSenders`); empty: the bridge at `host`, which sends
             them from the port of the rig's true state.
-        sample_format: `s16le` or `f32le`.
         audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
-        image_frame_ids: whether RFlySim's new image header is sent instead of the old one.
-        short_truth: whether RFlySim's short layout of true states is sent.
         block_rate (Hz): rate of audio datagrams.
         image_rate (Hz): rate of images, 0 for none.
         truth_rate (Hz): rate of true states, inertial measurements and orientations of the gimbal.
         jpeg_quality (0 to 100): quality of the images.
         depth: whether the depth of every image is sent to the next port.
         renderer: kind of renderer, see `RendererFactory.make`.
-        speed: factor of real time.
     """
 
     host: str = '127.0.0.1'
     ports: Ports = field(default_factory=Ports)
     bind_address: str = ''
     allowed_senders: tuple[str, ...] = ()
-    sample_format: str = 's16le'
     audio_header: bool = False
-    image_frame_ids: bool = False
-    short_truth: bool = False
     block_rate: int = 30
     image_rate: float = 15.0
     truth_rate: int = 100
     jpeg_quality: int = 85
     depth: bool = False
     renderer: str = 'auto'
-    speed: float = 1.0
 
 
 @dataclass
@@ -135,7 +127,7 @@ class Simulator:
     def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
         self.world, self.options, self.counts = world, options, SimulatorCounts()
-        self._layout = AudioFormat(options.sample_format, world.rig.array.geometry.channels, world.sample_rate)
+        self._layout = AudioFormat(channels=world.rig.array.geometry.channels, sample_rate=world.sample_rate)
         self._host = resolve('host', options.host)
         address = options.bind_address or address_towards(self._host)
         bridge = f'{self._host}:{options.ports.rig_truth}'
@@ -227,7 +219,7 @@ class Simulator:
         log.warning('%.1f s behind the others in this world: skipped', self._lag(self.world.time))
         while (lag := self._lag(self.world.time)) > 0.0 and not self._stopped:
             self._beat()
-            self.world.skip(min(lag * self.options.speed, 1.0))
+            self.world.skip(min(lag, 1.0))
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """Times in (begin, end] and the functions to call at them, in order."""
@@ -254,7 +246,7 @@ class Simulator:
 
     def _lag(self, moment: float) -> float:
         """Delay (s) of the simulated time `moment` (s) relative to real time."""
-        return self._clock.monotonic() - self._start - moment / self.options.speed
+        return self._clock.monotonic() - self._start - moment
 
     def _watch_lag(self, moment: float) -> None:
         lag = self._lag(moment)
@@ -306,17 +298,16 @@ class Simulator:
         self.counts.audio_frames += len(sound)
 
     def _send_truth(self, targets: list[VehicleState], moment: float) -> None:
-        ports, short = self.options.ports, self.options.short_truth
+        ports = self.options.ports
         rig = self.world.rig_state(moment)
-        self._send(encode_truth(to_truth(rig, RIG_ID), short), ports.rig_truth)
+        self._send(encode_truth(to_truth(rig, RIG_ID)), ports.rig_truth)
         number = round(moment * self.options.truth_rate)
         self._send(encode_imu(to_imu(rig, number)), ports.imu)
         gimbal = self.world.gimbal_sample(number, moment)
         if gimbal is not None:
             self._send(encode_gimbal(gimbal), ports.gimbal)
         for number, target in enumerate(targets):
-            truth = to_truth(target, FIRST_TARGET_ID + number)
-            self._send(encode_truth(truth, short), ports.target_truth + 2 * number)
+            self._send(encode_truth(to_truth(target, FIRST_TARGET_ID + number)), ports.target_truth + 2 * number)
 
     def _send_time_sync(self, moment: float) -> None:
         now = self._start_ms + round(moment * 1e3)
@@ -334,9 +325,8 @@ class Simulator:
     def _send_images(self, camera: str, frames: list[CameraFrame]) -> None:
         port = self.options.ports.image if camera == 'camera' else self.options.ports.second_image
         for frame in frames:
-            frame_id = frame.view.index if self.options.image_frame_ids else None
             for data, receiver in ((frame.encoded, port), (frame.depth, self.options.ports.depth)):
-                for datagram in encode_image(EncodedImage(frame.view.time, data, frame_id)):
+                for datagram in encode_image(EncodedImage(frame.view.time, data)):
                     self._send(datagram, receiver)
             self._send(encode_oracle(frame.boxes), port)
             self.counts.images += 1

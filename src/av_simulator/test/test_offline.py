@@ -99,7 +99,7 @@ def test_errors_are_named(tmp_path, capsys, monkeypatch, arguments, message):
 
 
 @pytest.mark.parametrize(('program', 'arguments'), [
-    (simulate, '--duration -1'), (simulate, '--image-rate -3'), (simulate, '--seed 1.5'), (simulator, '--speed 0'),
+    (simulate, '--duration -1'), (simulate, '--image-rate -3'), (simulate, '--seed 1.5'), (simulator, '--image-rate -1'),
     (simulator, '--image-rate none'), (simulator, '--port-offset 60000')])
 def test_impossible_arguments_are_named_with_their_value(program, arguments, capsys):
     option, value = arguments.split()

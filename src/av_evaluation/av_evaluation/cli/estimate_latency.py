@@ -9,20 +9,20 @@ from av_bags.reader import Bag
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.calibration.latency import estimate_offset
 
+LARGEST_S = 0.6  # of offsets: more than any sensor's delay that was met, less than a second, which has aliases
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the offset and the parameter that compensates it; returns 1 where it cannot be estimated."""
     parser = argparse.ArgumentParser(prog='estimate_latency', description=__doc__)
     parser.add_argument('bag', help='mcap or sqlite3 (.db3), a file or a folder')
-    parser.add_argument('--tau', type=float, default=0.5, help='score from which a detection counts (%(default)s)')
-    parser.add_argument('--largest', type=float, default=0.6, help='largest possible offset in s (%(default)s)')
     options = parser.parse_args(arguments)
     try:
         with Bag(options.bag) as bag:
             log = Replay(bag, ReplaySettings()).run()
-        sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= options.tau
+        sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= 0.5
         offset = estimate_offset((log.sound['time'][sound], log.sound['azimuth'][sound], log.sound['mirrored'][sound]),
-                                 (log.sight['time'][sight], log.sight['azimuth'][sight]), options.largest)
+                                 (log.sight['time'][sight], log.sight['azimuth'][sight]), LARGEST_S)
     except (ValueError, OSError) as error:
         print(f'estimate_latency: {error}', file=sys.stderr)
         return 1

@@ -13,20 +13,20 @@ from contextlib import suppress
 from av_evaluation.attack.fuzz import faults
 
 CHUNK = 100    # sequences of a process at a time
+MESSAGES = 40  # of each sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sequences and print those that broke a promise, with the seeds that repeat them; Ctrl-C ends it early."""
     parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
     parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
-    parser.add_argument('--messages', type=int, default=40, help='of each sequence (%(default)s)')
     parser.add_argument('--seed', type=int, default=0, help='of the first sequence (%(default)s)')
     parser.add_argument('--processes', type=int, default=os.cpu_count() or 1, help='at a time (%(default)s)')
     options = parser.parse_args(arguments)
-    if min(options.sequences, options.messages, options.processes) < 1 or options.seed < 0:
+    if min(options.sequences, options.processes) < 1 or options.seed < 0:
         parser.error('expected numbers above 0, and a seed of 0 or more')
     end = options.seed + options.sequences
-    jobs = [(first, min(CHUNK, end - first), options.messages) for first in range(options.seed, end, CHUNK)]
+    jobs = [(first, min(CHUNK, end - first), MESSAGES) for first in range(options.seed, end, CHUNK)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     found, done = 0, 0
     silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from av_evaluation.hearing.reach import ARRAYS, PLACES, Air, Scene
+from av_evaluation.hearing.reach import ARRAYS, PLACES, Scene
 from av_simulator.config_files import find_config
 from av_simulator.sound.source import load_profile
 
@@ -22,9 +22,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--drones', nargs='+', default=DRONES, metavar='NAME', help='of config/drones (default: %(default)s)')
     parser.add_argument('--places', type=int, nargs='+', default=range(len(PLACES)), metavar='N',
                         help=', '.join(f'{number}: {place.name}' for number, place in enumerate(PLACES)) + ' (default: all)')
-    parser.add_argument('--microphones', type=int, nargs='+', choices=ARRAYS, default=tuple(ARRAYS), help='(default: all)')
-    parser.add_argument('--temperature', type=float, default=20.0, metavar='C', help='of the air (default: %(default)s)')
-    parser.add_argument('--humidity', type=float, default=50.0, metavar='PERCENT', help='of the air (default: %(default)s)')
     options = parser.parse_args(arguments)
     if not all(0 <= number < len(PLACES) for number in options.places):
         parser.error(f'places are 0 to {len(PLACES) - 1}')
@@ -32,10 +29,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in options.drones:
         signal = load_profile(find_config(name, 'drones')).signal
         for place in (PLACES[number] for number in options.places):
-            for count in options.microphones:
-                reach = Scene(signal, place, ARRAYS[count], Air(options.temperature, options.humidity)).reach()
+            for array in ARRAYS:
+                reach = Scene(signal, place, array).reach()
                 found = ' '.join(f'{distance:>{width}.0f}' if distance else f'{"-":>{width}}'
                                  for distance, width in zip(reach, (8, 8, 8), strict=True))
                 where = f'{place.name:<18} {place.ambient_dba:5.0f} {place.wind:4.0f}'
-                print(f'{name:<18} {where} {ARRAYS[count].name:<16} {found}', flush=True)
+                print(f'{name:<18} {where} {array.name:<16} {found}', flush=True)
     return 0

@@ -17,6 +17,7 @@ from pathlib import Path
 from av_evaluation.processes import launched_rig
 from av_evaluation.soak import Limits, PageViewer, ProcessHistory, format_histories, lost_sound, save_histories, watch
 
+EVERY_S = 5.0  # between samples
 RIG = ('model:=shipped', 'renderer:=flat', 'view:=true')
 
 
@@ -29,7 +30,6 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--settle', type=_positive, default=5.0,
                         help='minutes at the start that do not count, at most half of the run (%(default)s)')
     parser.add_argument('--most-growth', type=_positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
-    parser.add_argument('--every', type=_positive, default=5.0, help='seconds between samples (%(default)s)')
     parser.add_argument('--out', type=Path, help="folder for table, samples, the rig's output and the monitor's files")
     return parser.parse_args(arguments)
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         viewer = PageViewer(out / 'rig.log') if 'view:=true' in given else None
         try:
             with launched_rig(given, log) as rig:
-                histories = watch(rig, 60.0 * options.minutes, options.every)
+                histories = watch(rig, 60.0 * options.minutes, EVERY_S)
                 ended_early = rig.process.poll() is not None
                 blank = viewer is not None and viewer.waits
         except KeyboardInterrupt:

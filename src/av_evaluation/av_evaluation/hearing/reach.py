@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import erf
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from av_simulator.sound.source_signals import SourceSignal
 from av_simulator.sound.stream import spl_to_pascal
 
 RATE = 24_000  # Hz
+TEMPERATURE_C, HUMIDITY_PERCENT = 20.0, 50.0  # of the air, which absorbs sound
 POOL_S, HEARD_S, WINDOW_S = 12.0, 1.1, 0.5  # of sound that is rendered once; heard before a judgement; of a window
 DISTANCES_M = 10.0 * 2.0 ** np.arange(0.0, 7.1, 0.5)  # 10 m to 1280 m
 WITHIN_RAD, SHARE, WINDOWS = np.radians(5.0), 0.9, 20
@@ -29,10 +29,10 @@ ELEVATION_RAD = np.radians(20.0)
 PAIR_RAD = np.radians(60.0)  # of azimuths from broadside at which a pair is tried
 BAND_HZ, BINS = (100.0, 8000.0), 1024  # of the bound, and length of its transform
 RING = 2.0 * np.pi * np.arange(8) / 8.0
-ARRAYS = {
-    2: MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair of 20 cm'),
-    4: MicrophoneArray(0.07 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'square of 14 cm'),
-    8: MicrophoneArray(0.1 * np.stack([np.cos(RING), np.sin(RING), 0.0 * RING], axis=1), 'ring of 20 cm')}
+ARRAYS = (
+    MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair of 20 cm'),
+    MicrophoneArray(0.07 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'square of 14 cm'),
+    MicrophoneArray(0.1 * np.stack([np.cos(RING), np.sin(RING), 0.0 * RING], axis=1), 'ring of 20 cm'))
 
 
 class Place(NamedTuple):
@@ -45,14 +45,6 @@ class Place(NamedTuple):
 
 PLACES = (Place('quiet field, calm', 30.0, 0.0), Place('quiet field, wind', 30.0, 5.0),
           Place('suburb, breeze', 45.0, 2.0), Place('street, breeze', 60.0, 2.0))
-
-
-@dataclass(frozen=True)
-class Air:
-    """Temperature (degrees Celsius) and relative humidity (%)."""
-
-    temperature_c: float = 20.0
-    humidity_percent: float = 50.0
 
 
 class Reach(NamedTuple):
@@ -70,16 +62,15 @@ class Scene:
         drone: its sound.
         place: what else is heard.
         array: the microphones.
-        air: which absorbs sound.
         seed: of everything.
     """
 
-    def __init__(self, drone: SourceSignal, place: Place, array: MicrophoneArray, air: Air, seed: int = 0) -> None:
-        self._array, self._air, self._rng = array, air, np.random.default_rng(seed)
-        self._c, count = speed_of_sound(air.temperature_c), round(POOL_S * RATE)
+    def __init__(self, drone: SourceSignal, place: Place, array: MicrophoneArray, seed: int = 0) -> None:
+        self._array, self._rng = array, np.random.default_rng(seed)
+        self._c, count = speed_of_sound(TEMPERATURE_C), round(POOL_S * RATE)
         self._drone = drone.stream(RATE, [seed], lambda times: np.zeros((len(times), 3))).read(0, count)
         self._noise = _noise(place, array, self._c, count, seed)
-        settings = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, temperature_c=air.temperature_c)
+        settings = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, temperature_c=TEMPERATURE_C)
         model = load_model('')
         assert model is not None  # of the shipped one
         self._localizer, self._classifier = Localizer(array, RATE, settings), DroneClassifier(array, RATE, self._c, model)
@@ -91,7 +82,7 @@ class Scene:
 
     def _attenuated(self, distance: float, frequencies: NDArray) -> NDArray:
         """Gain (k,) of spherical spreading from 1 m and of the air (ISO 9613-1)."""
-        loss = absorption_db_per_m(frequencies, self._air.temperature_c, self._air.humidity_percent)
+        loss = absorption_db_per_m(frequencies, TEMPERATURE_C, HUMIDITY_PERCENT)
         return np.asarray(10.0 ** (-0.05 * loss * distance) / distance)
 
     def _heard(self, distance: float) -> tuple[float, float]:

@@ -33,20 +33,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
     parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
-    parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le',
-                        help='format of the audio samples (default: %(default)s)')
     parser.add_argument('--audio-header', action='store_true',
                         help='send audio datagrams with number and time; RFlySim does not')
-    parser.add_argument('--image-header', choices=['old', 'new'], default='old',
-                        help="RFlySim's image header (default: %(default)s)")
-    parser.add_argument('--truth-layout', choices=['long', 'short'], default='long',
-                        help="RFlySim's layout of true states (default: %(default)s)")
     parser.add_argument('--image-rate', type=not_negative, default=15.0,
                         help='images a second, 0 for none (default: %(default)s)')
     parser.add_argument('--depth', action='store_true', help='also send depth images, as the next image sensor')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
                         help='scene: 3D scene; flat: flat shapes, cheaper; auto: scene if OpenGL is available')
-    parser.add_argument('--speed', type=positive, default=1.0, help='factor of real time (default: %(default)s)')
     parser.add_argument('--begin', type=float, help='Unix time of the start, so that several rigs share one world; one in the '
                         'past is joined at the present')
     parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
@@ -69,10 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
         world = open_world(scenario, options.rig or '', options.seed)
         simulator = Simulator(world, WireOptions(
             host=options.host, bind_address=options.bind_address, allowed_senders=tuple(options.allowed_senders),
-            ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
-            audio_header=options.audio_header, image_frame_ids=options.image_header == 'new',
-            short_truth=options.truth_layout == 'short', image_rate=options.image_rate,
-            renderer=options.renderer, speed=options.speed, depth=options.depth))
+            ports=Ports().shifted(options.port_offset), audio_header=options.audio_header, image_rate=options.image_rate,
+            renderer=options.renderer, depth=options.depth))
     except (ValueError, OSError) as error:
         log.error('%s', error)
         return 2
