@@ -124,7 +124,7 @@ def test_an_observer_that_is_behind_keeps_the_truth_since_the_attack():
 def test_verdicts_name_what_failed():
     good = Result('messages', recovery=0.5)
     assert not any(verdicts([good], {'doa_node': 3.0}).values())
-    bad = Result('datagrams', recovery=1.5, deaths=['doa_node'], found=Findings(bad=['pan'], moves=['yaw']),
+    bad = Result('messages', recovery=1.5, deaths=['doa_node'], found=Findings(bad=['pan'], moves=['yaw']),
                  faults=['not active'])
     assert all(verdicts([good, bad], {'doa_node': 25.0}).values())
     assert verdicts([Result('kill', recovery=None)], {})[IN_TIME]

@@ -1,1 +1,1 @@
-"""Attacks on the running rig: hostile messages, datagrams, clocks and signals, and what the rig did meanwhile."""
+"""Attacks on the running rig: hostile messages, clocks and signals, and what the rig did meanwhile."""

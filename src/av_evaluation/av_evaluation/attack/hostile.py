@@ -1,4 +1,4 @@
-"""Hostile values for the fields of any message, and mutilated serializations of messages and datagrams."""
+"""Hostile values for the fields of any message, and mutilated serializations of messages."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class HostileValues:
         return Time(sec=int(seconds), nanosec=int(fraction * 1e9))
 
     def mutilate(self, data: bytes) -> bytes:
-        """A serialized message or a datagram, damaged: cut, extended, with wrong bits or lengths; MARK stays where it is."""
+        """A serialized message, damaged: cut, extended, with wrong bits or lengths; MARK stays where it is."""
         kind = self.random.choice(('cut', 'bits', 'bits', 'word', 'word', 'real', 'longer', 'short'))
         if kind == 'short':
             return data[:self.random.choice((0, 4, 4, 5, 8, 12))]

@@ -16,15 +16,14 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
 
-from av_evaluation.attack.datagrams import Datagrams
 from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import connected
 from av_evaluation.attack.observer import Observer
-from av_evaluation.attack.worker import Worker, WorkerError, answer
+from av_evaluation.attack.worker import Worker, WorkerError
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
-MESSAGE_RATE, DATAGRAM_RATE = 30.0, 60.0    # Hz, to each topic, to each port
+MESSAGE_RATE = 30.0        # Hz, to each topic
 START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
 STOPPED_S = 2.0            # for which a process is stopped
@@ -50,7 +49,7 @@ class Result:
 
     Attributes:
         name: of the attack, with the process that it concerns.
-        sent: number of messages or datagrams by their target.
+        sent: number of messages by their topic.
         deaths: processes that ended though nobody killed them.
         found: commands that were bad, or moved what must not move.
         ended (s): time of its end, of a kill that of the signal; None until then.
@@ -88,10 +87,6 @@ class Result:
             found.append(f'tracking is back after {self.recovery:.1f} s')
         return [f'{one}, {self.slowdown:.1f} times slower than alone' for one in found]
 
-    def add(self, sent: dict[str, int]) -> None:
-        """Add numbers of what was sent."""
-        self.sent = {name: self.sent.get(name, 0) + sent.get(name, 0) for name in self.sent | sent}
-
 
 class Attack:
     """The attacks on one rig, each a method that takes its result, and of some the name of a process.
@@ -109,8 +104,7 @@ class Attack:
         self._killed: set[int] = set()
         self._opened, self._launched = ExitStack(), ExitStack()
         self.kinds: dict[str, Callable[[Result], None]] = {
-            'messages': self._messages, 'datagrams': self._datagrams,
-            'no inputs': self._no_inputs, 'disabled': self._disabled}
+            'messages': self._messages, 'no inputs': self._no_inputs, 'disabled': self._disabled}
         self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
 
     def run(self) -> int:
@@ -142,7 +136,7 @@ class Attack:
         self._launch()
         self._observer = Observer()
         self._opened.callback(self._observer.close)
-        self._peer, self._sender = self._worker(connected), self._worker(Datagrams)
+        self._peer = self._worker(connected)
 
     def _launch(self) -> None:
         """Start the rig, and end the one before with all its processes."""
@@ -237,35 +231,24 @@ class Attack:
                 raise TimeoutError
             time.sleep(0.1)
 
-    def _seed(self) -> int:
-        return self._random.randrange(2**31)
-
-    def _send(self, result: Result, datagrams: Sequence[str] = (), seconds: float = SECONDS, **messages: object) -> None:
-        """Attack ports by kinds of datagrams, and topics where options of `Messages.attack` are given, at once."""
-        common = {'seconds': seconds, 'seed': self._seed()}
-        calls = [self._sender.send('attack', **common, rate=DATAGRAM_RATE, offset=self._options.port_offset, kinds=datagrams)
-                 ] if datagrams else []
-        calls += [self._peer.send('attack', **common, rate=MESSAGE_RATE, **messages)] if messages else []
-        for call in calls:
-            result.add(answer(call, seconds + ANSWER_S))
+    def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
+        """Attack the topics, with options of `Messages.attack`."""
+        result.sent = self._peer.call('attack', seconds + ANSWER_S, seconds=seconds, seed=self._random.randrange(2**31),
+                                      rate=MESSAGE_RATE, **options)
 
     def _messages(self, result: Result) -> None:
         """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
         result.hearing = SOUND_S
         self._send(result, stale=False)
 
-    def _datagrams(self, result: Result) -> None:
-        """Datagrams of the right layout with hostile values, of random bytes, and of times that jump, to every port."""
-        self._send(result, ('structured', 'random', 'clocks'))
-
     def _no_inputs(self, result: Result) -> None:
-        """The simulator is stopped, and messages whose stamps are far from now, and random datagrams, must move nothing."""
+        """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
         result.hearing = SOUND_S
         simulator = self._parts()['simulator']
         os.kill(simulator, signal.SIGSTOP)
         try:
             self._forbid_motion()
-            self._send(result, ('random',), NO_INPUTS_S, stale=True, spare=(COMMANDS,))
+            self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
         finally:
             self._permit_motion()
             try:
@@ -274,13 +257,13 @@ class Attack:
                 self._killed.add(simulator)
 
     def _disabled(self, result: Result) -> None:
-        """Pointing is disabled, and no message or datagram moves the rig, however genuine it looks."""
+        """Pointing is disabled, and no message moves the rig, however genuine it looks."""
         result.hearing = SOUND_S
         if not self._peer.call('enable', enabled=False):
             result.faults.append('pointing could not be disabled')
             return
         self._forbid_motion()
-        self._send(result, ('structured',), spare=(COMMANDS,))
+        self._send(result, stale=False, spare=(COMMANDS,))
         self._permit_motion()
         if not self._peer.call('enable', enabled=True):
             result.faults.append('pointing could not be enabled again')

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -28,25 +28,16 @@ class Worker:
     def __init__(self, make: Callable[[], object], log: Path) -> None:
         self._pool = ProcessPoolExecutor(1, multiprocessing.get_context('spawn'), _start, (make, log))
 
-    def send(self, method: str, **arguments: Any) -> Future[Any]:
-        """Call a method of the object without waiting for its result; of calls each waits for the one before."""
-        return self._pool.submit(_call, method, arguments)
-
     def call(self, method: str, timeout: float = 30.0, **arguments: Any) -> Any:
         """Call a method of the object and wait for its result. Raises WorkerError after `timeout` (s), or where it fails."""
-        return answer(self.send(method, **arguments), timeout)
+        try:
+            return self._pool.submit(_call, method, arguments).result(timeout)
+        except Exception as error:
+            raise WorkerError(f'{type(error).__name__}: {error}') from error
 
     def close(self) -> None:
         """Let the process end, at the latest after its call."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-def answer(call: Future[Any], timeout: float) -> Any:
-    """The result of a call. Raises WorkerError after `timeout` (s), or where the call failed."""
-    try:
-        return call.result(timeout)
-    except Exception as error:
-        raise WorkerError(f'{type(error).__name__}: {error}') from error
 
 
 _served: object = None

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation attack: hostile messages, datagrams and signals against the running rig."""
+"""ros2 run av_evaluation attack: hostile messages and signals against the running rig."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from av_evaluation.attack.program import Attack
 
-KINDS = ('messages', 'datagrams', 'no inputs', 'disabled', 'kill', 'stop')
+KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
