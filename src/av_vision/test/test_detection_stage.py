@@ -128,13 +128,6 @@ def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(
     assert abs(stage.shown[:40].mean() - before) < 15.0
 
 
-def test_the_old_name_of_temporal_fusion_is_refused_with_the_new(tmp_path):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text('detector_node:\n  ros__parameters: {still: true}\n')
-    with pytest.raises(ValueError, match='temporal_fusion'):
-        node_parameters('av_vision', 'detector_node', [file])
-
-
 def bearing_to(azimuth, **fields):
     return Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, azimuth=azimuth, azimuth_variance=1e-4, elevation_variance=math.inf,
                    measured=header(5.0).stamp, **fields)
