@@ -198,7 +198,7 @@ def several(count: int, sources: Sources) -> Iterator[Figure]:
 def cost(seconds: float = 10.0) -> Iterator[Figure]:
     """Processor time of the stage of doa_node as shipped, with two sources, for one thread with OMP_NUM_THREADS=1."""
     rng, settings = np.random.default_rng(72), LocalizerSettings()
-    for array in ARRAYS.values():
+    for array in ARRAYS:
         sound = sum((rotors(rng, seconds, -array.positions @ angles_to_direction(azimuth) / C) for azimuth in (-0.7, 0.5)),
                     np.zeros((round(seconds * RATE), array.channels)))
         stage, block = DoaStage(array, settings, drone_model=load_model('')), round(settings.hop_s * RATE)
