@@ -301,13 +301,13 @@ def test_what_people_tune_is_shown_and_set_within_its_bounds_and_nothing_else(ri
     bounds = rclpy.node.FloatingPointRange(from_value=1.0, to_value=360.0)
     rig.node.declare_parameter('yaw_rate_deg', 45.0, rclpy.node.ParameterDescriptor(
         description='how fast', floating_point_range=[bounds]))
-    rig.node.declare_parameter('yaw_rate_deg', 45.0, rclpy.node.ParameterDescriptor(read_only=True))
     rig.node.declare_parameter('other', 1.0)
-    rig.fusion.declare_parameters('', [('tau', 0.5), ('confirm_threshold', 0.95)])
+    rig.fusion.declare_parameter('tau', 0.5)
+    rig.fusion.declare_parameter('confirm_threshold', 0.95, rclpy.node.ParameterDescriptor(read_only=True))
     with rig.viewer(control=True) as viewer:
-        assert wait_for(lambda: len(ask(viewer, do='tuning').get('parameters', ())) == 3)
+        assert wait_for(lambda: len(ask(viewer, do='tuning').get('parameters', ())) == 2)
         found = {one['name']: one for one in ask(viewer, do='tuning')['parameters']}
-        assert set(found) == {'tau', 'confirm_threshold', 'yaw_rate_deg'}
+        assert set(found) == {'tau', 'yaw_rate_deg'}
         assert found['yaw_rate_deg'] == {'node': 'pointing_node', 'name': 'yaw_rate_deg', 'value': 45.0, 'bounds': [1.0, 360.0],
                                          'words': 'how fast'}
         assert ask(viewer, do='set', node='pointing_node', name='yaw_rate_deg', value=20)['done']
