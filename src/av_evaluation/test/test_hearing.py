@@ -10,6 +10,7 @@ from scipy.signal import fftconvolve, resample
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
 from av_evaluation.cli import hearing
+from av_evaluation.hearing import ego_noise
 from av_evaluation.hearing.free_field import PAIR, WINDOW_S, C, trials
 from av_evaluation.hearing.places import EARS, read_responses
 from av_evaluation.hearing.signals import RATE, add_noise, recordings, rotors
@@ -90,3 +91,15 @@ def test_a_source_beside_a_head_is_one():
         estimate, = Localizer(EARS, rate, settings).process(add_noise(rng, sound / sound.std(), 20.0).astype(np.float32), 0)
         confidences.append(sum(further.confidence[0] for further in estimate.further))
     assert np.mean(confidences) < 0.25
+
+
+def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):
+    """Ten times as much power of own rotors as of the target: some directions are theirs, with a recording none is."""
+    monkeypatch.setattr(ego_noise, 'RECORDING_S', 4.0)
+    monkeypatch.setattr(ego_noise, 'LATER_S', 4.0)
+    monkeypatch.setattr(ego_noise, 'LEVELS_DB', {2: (10.0,)})
+    monkeypatch.setattr(ego_noise, 'of_library', lambda method, sound, array, rate: 0.0)
+    shares = {figure.name: figure.value for figure in ego_noise.ego_noise(16, {'rotors': rotors}, rigs=2)}
+    title = '2 microphones, own noise +10 dB, '
+    assert shares[f'{title}recording: beyond 20 deg'] == 0.0 < shares[f'{title}no recording: beyond 20 deg']
+    assert shares[f'{title}recording: of those confident'] == 0.0
