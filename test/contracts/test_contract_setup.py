@@ -30,6 +30,8 @@ def told(faults, seed, seconds=TOLD_S, largest=20.0, **options):
     (Faults(swapped=True), 'microphones are exchanged'),
     (Faults(camera_yaw_deg=15.0), 'camera is turned by +1'), (Faults(camera_yaw_deg=-22.0), 'camera is turned by -2'),
     (Faults(mirrored=True), 'mirrored or upside down'), (Faults(upside_down=True), 'mirrored or upside down'),
+    (Faults(rolled_deg=90.0), 'rolled to the right by 90'), (Faults(rolled_deg=-90.0), 'rolled to the left by 90'),
+    (Faults(camera_yaw_deg=-90.0), 'camera is turned by -9'), (Faults(camera_yaw_deg=165.0), 'camera is turned by +16'),
     (Faults(yaw_sign=-1), 'yaw of the odometry has the wrong sign'), (Faults(delay=-0.45), 'one channel is late'),
     (Faults(spacing=1.6), 'as far apart as described')],
     ids=lambda value: '' if isinstance(value, str) else ','.join(f'{k}={v}' for k, v in vars(value).items() if v not in (0, 1)))
@@ -63,7 +65,9 @@ def test_a_turned_camera_is_told_by_a_rig_that_turns_far():
 
 
 @pytest.mark.parametrize('array', ['square', 'eight'])
-@pytest.mark.parametrize('faults', [Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(yaw_sign=-1)], ids=title)
+@pytest.mark.parametrize('faults', [
+    Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(rolled_deg=90.0), Faults(camera_yaw_deg=90.0),
+    Faults(yaw_sign=-1)], ids=title)
 def test_arrays_that_tell_front_from_back_tell_faults_too(faults, array):
     rig, first = told(faults, 3, 20.0, array=array)
     assert first is not None and named(faults, first[1])

@@ -22,6 +22,7 @@ class Faults:
         swapped: the microphones are exchanged.
         camera_yaw_deg: the camera is turned by this to the left of what is said.
         mirrored, upside_down: the image.
+        rolled_deg: the camera is turned by this about its axis, clockwise as seen from behind it.
         late: s by which images are stamped after their capture.
         yaw_sign: -1 for odometry that turns the wrong way.
         delay: added to each cosine, by a channel that is late.
@@ -32,6 +33,7 @@ class Faults:
     camera_yaw_deg: float = 0.0
     mirrored: bool = False
     upside_down: bool = False
+    rolled_deg: float = 0.0
     late: float = 0.0
     yaw_sign: int = 1
     delay: float = 0.0
@@ -56,8 +58,9 @@ class FaultyRig(FormulaRig):
         place, wrong = super().pixel(t, source), self.faults
         if place is None:
             return None
-        signs = np.array([-1.0 if wrong.mirrored or wrong.upside_down else 1.0, -1.0 if wrong.upside_down else 1.0])
-        place = CENTRE + wrong.focal * signs * (place - CENTRE)
+        roll = math.radians(wrong.rolled_deg + 180.0 * wrong.upside_down)
+        turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
+        place = CENTRE + wrong.focal * np.array([-1.0 if wrong.mirrored else 1.0, 1.0]) * (turn @ (place - CENTRE))
         return place if 0.0 <= place[0] < WIDTH and 0.0 <= place[1] < HEIGHT else None
 
     def send(self, kind: str, message: Any, captured: float, takes: float) -> None:

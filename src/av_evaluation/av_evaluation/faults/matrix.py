@@ -22,11 +22,12 @@ from av_simulator.scenario import Scenario
 
 # By the field of `Faults`, words that name it.
 NAMES = {'swapped': 'microphones are exchanged', 'camera_yaw_deg': 'camera is turned', 'mirrored': 'mirrored or upside down',
-         'upside_down': 'mirrored or upside down', 'late': 'images are stamped', 'yaw_sign': 'yaw of the odometry',
-         'delay': 'one channel is late', 'spacing': 'times as far apart', 'focal': 'focal length'}
+         'upside_down': 'mirrored or upside down', 'rolled_deg': 'camera is rolled', 'late': 'images are stamped',
+         'yaw_sign': 'yaw of the odometry', 'delay': 'one channel is late', 'spacing': 'times as far apart', 'focal': 'focal length'}
 FOR_PAIR = ('swapped', 'delay', 'spacing')
 SINGLE = (Faults(swapped=True), Faults(camera_yaw_deg=15.0), Faults(camera_yaw_deg=-22.0), Faults(camera_yaw_deg=40.0),
-          Faults(mirrored=True), Faults(upside_down=True), Faults(late=0.3), Faults(late=0.15), Faults(yaw_sign=-1),
+          Faults(camera_yaw_deg=-90.0), Faults(camera_yaw_deg=180.0), Faults(mirrored=True), Faults(upside_down=True),
+          Faults(rolled_deg=90.0), Faults(rolled_deg=-90.0), Faults(late=0.3), Faults(late=0.15), Faults(yaw_sign=-1),
           Faults(delay=0.3), Faults(delay=-0.45), Faults(spacing=1.5), Faults(focal=0.8))
 SMALL = (Faults(camera_yaw_deg=6.0), Faults(late=0.08), Faults(delay=0.08), Faults(spacing=1.15), Faults(focal=0.9))
 TWO = (Faults(swapped=True, camera_yaw_deg=15.0), Faults(swapped=True, yaw_sign=-1),

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.angles import wrap
 from av_common.track import Track
 from av_fusion.consistency.setup_model import (
     ALONE,
@@ -18,8 +19,11 @@ from av_fusion.consistency.setup_model import (
     CAMERA_YAW,
     DELAY,
     FOCAL,
+    IMAGES,
     MIRRORED,
     REVERSED_YAW,
+    ROLLED_LEFT,
+    ROLLED_RIGHT,
     SPACING,
     SWAPPED,
     YAW_DELAYS_S,
@@ -61,11 +65,14 @@ SIGNS = {
                   for_pair=True),
     MIRRORED: Part('the image is mirrored or upside down',
                    'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg'),
+    ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg'),
+    ROLLED_RIGHT: Part('the camera is rolled to the right by 90 deg', 'a roll of 90 in camera: mount: rpy_deg'),
     REVERSED_YAW: Part('the yaw of the odometry has the wrong sign',
                        'odometry in ENU: counter-clockwise is positive (REP-103)')}
 PARAMETERS = {
     CAMERA_YAW: Part('the camera is turned by {value:+.0f} deg against its description, or the microphones by the opposite',
-                     'mount: rpy_deg of camera or array in the rig', 0.05, math.radians(20.0), math.degrees),
+                     'mount: rpy_deg of camera or array in the rig', 0.05, math.radians(20.0),
+                     lambda value: math.degrees(wrap(value))),
     CAMERA_LATE: Part('images are stamped {value:+.2f} s late', 'sight_delay of fusion_node', sigma=0.3),
     DELAY: Part('one channel is late: directions are off by {value:+.2f} in the cosine', 'the delay between the channels',
                 0.015, 0.4, for_pair=True),
@@ -75,7 +82,8 @@ PARAMETERS = {
                 sigma=0.3, shown=lambda value: math.exp(-value), is_mild=True)}
 # Priors are those of a rig that somebody has just put together; two wrong signs are independent of each other. Hypotheses of
 # several parameters are too flexible: among many sources one of them explains everything.
-DESCRIBED, TWO = 0.875, 1e-4
+DESCRIBED, TWO = 0.85, 1e-4
+QUARTERS = math.radians(90.0), math.radians(-90.0), math.radians(180.0)  # by which frames of cameras are mistaken
 
 
 def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
@@ -89,13 +97,14 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
     return (Hypothesis(DESCRIBED),
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
-            *(Hypothesis(TWO, both) for both in combinations(signs, 2)))
+            *(Hypothesis(TWO, (), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for turned in QUARTERS),
+            *(Hypothesis(TWO, both) for both in combinations(signs, 2) if not set(both) <= set(IMAGES)))
 
 
 # A description that holds is suspected, or called wrong, with these probabilities in each EVIDENCE_S: the likelihood ratio of
 # the faults, by their priors, ever exceeds 1/a with probability a at most, however long one waits (Ville 1939, Wald 1945).
 SUSPECTED, NAMED = 1e-3, 1e-4
-LEAST_NAMED = 0.05  # share of a second fault that explains the measurements as well, and is named beside the first
+LEAST_NAMED = 0.05  # likelihood against the best, of a fault that explains the measurements as well, and is named, too
 LAG_S = 0.6  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
@@ -194,18 +203,14 @@ class ConsistencyMonitor:
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
-        if now < self._time - GAP_S:  # the clock was set back: the set-up is the same
-            self._time = self._seen = self._heard = self._several = -math.inf
-            self._waiting.clear()
-            if self._bank is not None:
-                self._bank.turn_world()
-        if self._motion.jumps != self._jumps:
-            self._jumps, self._seen = self._motion.jumps, -math.inf
-            if self._bank is not None:
-                self._bank.turn_world()
         bank = self._bank
         if bank is None:
             return None
+        if now < self._time - GAP_S or self._motion.jumps != self._jumps:  # a clock or heading was set: the set-up is the same
+            self._jumps = self._motion.jumps
+            self._time = self._seen = self._heard = self._several = -math.inf
+            self._waiting.clear()
+            bank.turn_world()
         while self._waiting and self._waiting[0][0] <= now - LAG_S:
             time, _, measurement = heappop(self._waiting)
             if time >= self._time and self._motion.is_known(time):
@@ -223,7 +228,7 @@ class ConsistencyMonitor:
         self._odds = sum(one.prior for one in bank.hypotheses[1:]) / bank.hypotheses[0].prior
         self._flips = np.array([is_pair and len({SWAPPED, REVERSED_YAW}.intersection(h.signs)) == 1
                                 for h in bank.hypotheses])
-        self._apart = np.tile([h.sigmas.get(CAMERA_YAW, 0.0) ** 2 for h in bank.hypotheses], (2, 1))
+        self._apart = np.tile([h.sigmas.get(CAMERA_YAW, 0.0) ** 2 + h.turned**2 for h in bank.hypotheses], (2, 1))
 
     def _see(self, bank: FilterBank, time: float, measurement: CameraMeasurement) -> None:
         if time < self._seen + SIGHT_PERIOD_S:
@@ -236,8 +241,9 @@ class ConsistencyMonitor:
             self._several = time
         rays = np.array([turned_back(measurement.view, direction(one.azimuth, one.elevation)) for one in found])
         yaws = np.unwrap([self._motion.yaw(time - delay) for delay in YAW_DELAYS_S])
-        bank.see(SightEvent(rays, np.array(measurement.view), self._level(time), yaws,
-                            found[0].across_variance + SIGHT_SIGMA**2, measurement.half_view), self._is_alone(time))
+        event = SightEvent(rays, np.array(measurement.view), self._level(time), yaws,
+                           found[0].across_variance + SIGHT_SIGMA**2, measurement.half_view)
+        bank.see(event, time > self._several + GAP_S)  # of several things it is not known which is the other sensor's
         self._seen = time
 
     def _hear(self, bank: FilterBank, time: float, window: tuple[DoaMeasurement, ...]) -> None:
@@ -259,10 +265,6 @@ class ConsistencyMonitor:
         for axis in np.eye(3)[:2]:
             bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose), is_seen)
 
-    def _is_alone(self, time: float) -> bool:
-        """Whether one thing is seen: of several it is not known which is the other sensor's."""
-        return time > self._several + GAP_S
-
     def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0
         bank.predict(seconds)
@@ -281,11 +283,8 @@ class ConsistencyMonitor:
         wrong = max(float(posterior[1:].sum()), 1e-300)
         chance = self._odds * float(posterior[0]) / wrong  # bound of the probability of such a ratio, where nothing is wrong
         if chance < SUSPECTED:
-            best = bank.hypotheses[faults[0]].signs
-            # With all three signs wrong the rig is its mirror image: the others than these explain about the same.
-            twin = frozenset(SIGNS).difference(best) if best else None
-            named = [k for k in faults if k == faults[0] or posterior[k] > LEAST_NAMED * wrong
-                     or twin == frozenset(bank.hypotheses[k].signs)]
+            likelihood = posterior / [h.prior for h in bank.hypotheses]
+            named = [k for k in faults if likelihood[k] >= min(LEAST_NAMED * likelihood[1:].max(), likelihood[faults[0]])]
             self.fault = self._fault_of(bank, named, wrong, chance < NAMED)
         elif chance > 1.0:
             self.fault = None
@@ -303,7 +302,8 @@ class ConsistencyMonitor:
         parts = _parts(bank.hypotheses[named[0]])
         certain = not all(part.is_mild for part in parts) and (is_sure or (self.fault is not None and self.fault.is_certain))
         texts = dict.fromkeys(_text(bank, number) for number in named)
-        return Fault('; or '.join(texts), '; '.join(part.mend for part in parts), probability, certain)
+        mends = dict.fromkeys(', and '.join(part.mend for part in _parts(bank.hypotheses[number])) for number in named)
+        return Fault('; or '.join(texts), '; or '.join(mends), probability, certain)
 
 
 def _parts(hypothesis: Hypothesis) -> list[Part]:

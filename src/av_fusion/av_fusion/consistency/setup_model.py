@@ -39,7 +39,11 @@ UNIFORM = 0.5  # density of a cosine that may be any
 UNPAIRED, PARTS_S, MEETS_S = 0.05, 60.0, 10.0
 
 
-SWAPPED, MIRRORED, REVERSED_YAW = 'swapped', 'mirrored', 'reversed yaw'  # signs that may be wrong
+SWAPPED, REVERSED_YAW = 'swapped', 'reversed yaw'  # signs that may be wrong
+MIRRORED, ROLLED_LEFT, ROLLED_RIGHT = 'mirrored', 'rolled left', 'rolled right'
+# From rays as the image shows them to those in the camera, where it is not as described.
+IMAGES = {MIRRORED: np.diag([1.0, -1.0, 1.0]), ROLLED_LEFT: np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+          ROLLED_RIGHT: np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
 
 
 @dataclass(frozen=True)
@@ -48,13 +52,15 @@ class Hypothesis:
 
     Parameters:
         prior: probability before any measurement.
-        signs: which are wrong: the channels are exchanged; the image is mirrored or upside down; the yaw of odometry.
+        signs: which are wrong: the order of channels, the yaw of odometry, one of IMAGES.
         sigmas: prior standard deviations of the parameters that are off, by their index.
+        turned (rad): prior mean of the camera's yaw.
     """
 
     prior: float
     signs: tuple[str, ...] = ()
     sigmas: Mapping[int, float] = field(default_factory=dict)
+    turned: float = 0.0
 
 
 class SightEvent(NamedTuple):
@@ -135,9 +141,12 @@ class FilterBank:
             self.covariance[:, index, index] = [sigma**2] * ALONE + [h.sigmas.get(index, sigma) ** 2 for h in self.hypotheses]
         self.covariance[:, BIAS, BIAS] = BIAS_SIGMA**2
         self.mean[:, TRAVEL], self.covariance[:, TRAVEL, TRAVEL] = TRAVEL_S, TRAVEL_SIGMA_S**2
-        self._channel, self._mirror, self._turn = (
-            np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
-            for sign in (SWAPPED, MIRRORED, REVERSED_YAW))
+        self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in self.hypotheses]
+        self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
+                                     for sign in (SWAPPED, REVERSED_YAW))
+        self._image = np.stack([np.eye(3)] * ALONE + [next((IMAGES[sign] for sign in h.signs if sign in IMAGES), np.eye(3))
+                                                      for h in self.hypotheses])
+        self._rolled = self._image[ALONE:, 1, 1] == 0.0
         self._sees = np.arange(number) >= ALONE
         self._manoeuvre, self._described, self._unseen = 1.0, 0.0, 0.0
         self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
@@ -215,7 +224,8 @@ class FilterBank:
         likelihood = genuine + SIGHT_CLUTTER * 0.5 / event.half_view
         share = genuine / likelihood
         if self.target_known:
-            self.evidence += counts * np.log(likelihood[ALONE:])
+            # Of a rolled camera azimuths are the image's other coordinate, whose likelihood compares with nothing.
+            self.evidence += counts * np.log(np.where(self._rolled, likelihood[ALONE], likelihood[ALONE:]))
         else:  # the first of a target only tells where it is, and is as likely anywhere
             share = self._sees * 1.0
             self.paired = (1.0 - UNPAIRED) * np.tile(self._shares, len(self.hypotheses))
@@ -346,9 +356,9 @@ class FilterBank:
 
     def _seen(self, rays: NDArray, event: SightEvent, focal: NDArray) -> tuple[NDArray, NDArray]:
         """Azimuths and elevations (ALONE + h, n) of rays (n, 3) in the level body, by each hypothesis."""
-        scale, turn = np.exp(focal)[:, None], self.mean[:, CAMERA_YAW]
-        seen = np.stack([np.broadcast_to(rays[:, 0], (len(scale), len(rays))), self._mirror[:, None] * scale * rays[:, 1],
-                         scale * rays[:, 2]], axis=2) @ event.view.T
+        turn, seen = self.mean[:, CAMERA_YAW], rays @ np.swapaxes(self._image, 1, 2)
+        seen[..., 1:] *= np.exp(focal)[:, None, None]
+        seen = seen @ event.view.T
         cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
         x, y, z = seen[..., 0], seen[..., 1], seen[..., 2]
         x, y, z = np.moveaxis(np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=2) @ event.level.T, 2, 0)
