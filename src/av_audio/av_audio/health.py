@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from av_audio.channel_order import ChannelOrder
 from av_audio.spacing import LONGEST_S, PEAK_SIGMAS, delay_curve
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -33,9 +34,9 @@ ALARM = math.log(1e6)
 VOTE = math.log(9.0)
 # What a window adds to the evidence, and what one without it takes. Facts need no vote.
 STEPS = {'dead': (ALARM / 3.0, -ALARM), 'copy': (ALARM / 3.0, -ALARM), 'offset': (ALARM / 3.0, -ALARM), 'clips': (ALARM, -0.5),
-         'quiet': (VOTE, -VOTE), 'inverted': (VOTE, -VOTE), 'late': (VOTE, -VOTE),
-         'apart': (VOTE, -VOTE)}
-SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart')    # directions are wrong by them, or there are none
+         'quiet': (VOTE, -VOTE), 'inverted': (VOTE, -VOTE), 'late': (VOTE, -VOTE), 'apart': (VOTE, -VOTE),
+         'exchanged': (VOTE, -VOTE)}
+SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart', 'exchanged')    # directions are wrong by them, or there are none
 GAIN_MEND = 'look at its plug and gain: alsamixer'
 
 # By kind and channels, what is wrong in words.
@@ -60,7 +61,7 @@ class ChannelFault(NamedTuple):
 
 
 class ChannelHealth:
-    """Detects channels that are dead, copies, inverted, late or quieter, that clip or have a constant offset.
+    """Detects channels that are dead, copies, inverted, late, exchanged or quieter, that clip or have a constant offset.
 
     Microphones that are close to each other hear the same: with one sign, within the delays that their distance permits, and
     equally loud but for the source's distance. Neighbouring channels are compared window by window; see `STEPS` and `ALARM`.
@@ -81,7 +82,7 @@ class ChannelHealth:
         distances = [0.0 if array is None else float(np.linalg.norm(array.positions[i] - array.positions[j]))
                      for i, j in self._pairs]
         self._permitted = BODY * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
-        self._judges_delays = array is not None
+        self._order = None if array is None else ChannelOrder(array, sample_rate, BODY)
         self._evidence: dict[tuple[str, tuple[int, ...]], float] = {}
         self._told: Found = {}
         self.clear()
@@ -151,23 +152,32 @@ class ChannelHealth:
         """What neighbouring channels of a window (n, m) say about each other, and the kinds of faults that it can tell."""
         spectra = fft.rfft(sound * np.hanning(len(sound))[:, None], axis=0).T
         frequencies = fft.rfftfreq(len(sound), 1.0 / self._rate)
-        signs, late, ratios, deaf = [], [], [], []
+        signs, peaks, late, ratios, deaf = [], [], [], [], []
         for (i, j), permitted in zip(self._pairs, self._permitted, strict=True):
             cross = spectra[i] * spectra[j].conj()
-            delays, curve, sigma = delay_curve(cross, frequencies, len(sound), LONGEST_S + permitted)
-            inside = np.abs(delays) <= permitted
+            lags, curve, sigma = delay_curve(cross, frequencies, len(sound), LONGEST_S + permitted)
+            inside, peak = np.abs(lags) <= permitted, int(np.argmax(np.abs(curve)))
+            peaks.append(lags[peak] if abs(curve[peak]) > PEAK_SIGMAS * sigma else math.nan)
             heights = curve[inside].max(), -curve[inside].min(), np.abs(curve[~inside]).max(initial=0.0)
             best = int(np.argmax(heights))
             clear = heights[best] > max(PEAK_SIGMAS * sigma, CLEARER * max(np.delete(heights, best)))
             signs.append((1, -1, 0)[best] if clear else 0)
-            delay = float(delays[np.argmax(np.where(inside == (best < 2), np.abs(curve), 0.0))])
+            delay = float(lags[np.argmax(np.where(inside == (best < 2), np.abs(curve), 0.0))])
             late.append(delay if clear and best == 2 else 0.0)
             turned = cross * np.exp(2j * np.pi * frequencies * delay)
             ratio, is_deaf = _ratio(turned, np.abs(spectra[i]) ** 2, np.abs(spectra[j]) ** 2, frequencies)
             ratios.append(ratio)
             deaf.append(is_deaf)
         found, kinds = self._levels(ratios, deaf)
-        if self._judges_delays and all(sign or delay for sign, delay in zip(signs, late, strict=True)):
+        if self._order is None:
+            return found, kinds
+        exchanged = self._order.exchanged(np.array(peaks), VOTE)
+        if exchanged is not None:
+            kinds.add('exchanged')
+        if exchanged:    # which explains delays that are too long
+            pairs = ' or '.join(f'{i} and {j}' for i, j in exchanged)
+            found['exchanged', tuple(sum(exchanged, ()))] = f'channels {pairs} are exchanged'
+        elif all(sign or delay for sign, delay in zip(signs, late, strict=True)):
             kinds |= {'inverted', 'late', 'apart'}
             found |= self._delays(signs, late)
         return found, kinds
@@ -279,5 +289,6 @@ def _mend(kind: str, channels: tuple[int, ...]) -> str:
     """What to do about a kind of fault."""
     return {'copy': 'choose other channels of audio_node; `ros2 run av_view doctor --only devices` shows what there is',
             'clips': 'lower the gain: alsamixer', 'inverted': 'exchange the two wires of its balanced plug, or turn its sign',
+            'exchanged': 'exchange them, by `channels` of audio_node or their positions in the array file',
             'late': 'all channels must come from one device with one clock, without effects, and positions be in metres',
             'apart': 'positions in the array file are in metres; are they too small?'}.get(kind, GAIN_MEND)

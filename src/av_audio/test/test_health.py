@@ -97,3 +97,18 @@ def healthy(array):
 @pytest.mark.parametrize('array', [PAIR, RING], ids=['pair', 'ring'])
 def test_microphones_that_are_all_right_are_not_blamed(array):
     assert {name: told for name, sound in healthy(array).items() if (told := hear(sound, array))} == {}
+
+
+@pytest.mark.parametrize('azimuth', [-2.6, 0.4, 1.9])
+@pytest.mark.parametrize(('array', 'pair', 'named'), [
+    (SQUARE, (0, 1), '0 and 1 or 2 and 3'), (SQUARE, (1, 2), '0 and 3 or 1 and 2'), (RING, (3, 4), '3 and 4'),
+    (RING, (0, 5), '0 and 5')])
+def test_exchanged_channels_of_an_array_are_named(array, pair, named, azimuth):
+    """Of a square two sides are exchanged with the same effect, but for a mirror image."""
+    sound = drone(array, azimuth)
+    sound[:, pair] = sound[:, pair[::-1]]
+    assert hear(sound, array) == {f'channels {named} are exchanged'}
+
+
+def test_two_drones_are_no_exchanged_channels():
+    assert hear(drone(RING, 0.3) + drone(RING, 2.1, seed=2), RING) == set()
