@@ -98,6 +98,7 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
             *(Hypothesis(TWO, (), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for turned in QUARTERS),
+            *(Hypothesis(TWO, (sign,), {CAMERA_YAW: sigmas[CAMERA_YAW]}) for sign in signs if sign == SWAPPED),
             *(Hypothesis(TWO, both) for both in combinations(signs, 2) if not set(both) <= set(IMAGES)))
 
 
@@ -301,9 +302,10 @@ class ConsistencyMonitor:
         """A fault by the indices of its hypotheses, the most probable first."""
         parts = _parts(bank.hypotheses[named[0]])
         certain = not all(part.is_mild for part in parts) and (is_sure or (self.fault is not None and self.fault.is_certain))
-        texts = dict.fromkeys(_text(bank, number) for number in named)
-        mends = dict.fromkeys(', and '.join(part.mend for part in _parts(bank.hypotheses[number])) for number in named)
-        return Fault('; or '.join(texts), '; or '.join(mends), probability, certain)
+        kinds = [frozenset(_parts(bank.hypotheses[number])) for number in named]  # of which none has all parts of another one
+        told = [number for k, number in enumerate(named) if not any(kind <= kinds[k] for kind in kinds[:k])]
+        mends = (', and '.join(part.mend for part in _parts(bank.hypotheses[number])) for number in told)
+        return Fault('; or '.join(_text(bank, number) for number in told), '; or '.join(mends), probability, certain)
 
 
 def _parts(hypothesis: Hypothesis) -> list[Part]:
