@@ -53,7 +53,7 @@ class RigCalibration:
     velocity lags behind the true one, and its error correlates with the innovations. Here each segment of a target's track
     is smoothed, and the observations are linearised about the smoothed track (Gauss-Newton). The track is then eliminated
     from the normal equations, whose matrix is banded. Each segment begins with a wide prior of the target, so that no
-    observation counts twice.
+    observation counts twice. Errors of images that rigs do not state last for a segment, as if its headings were off by them.
 
     Attributes:
         mean (2 r,), covariance (2 r, 2 r): (heading (rad), clock (s)) of each rig.
@@ -131,6 +131,7 @@ class RigCalibration:
         cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
         track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
         bands, step, prior = _motion_bands(STEP_S * np.diff(cells)), np.zeros(len(self.mean)), np.linalg.inv(self.covariance)
+        lasting = max(one.unstated for one in observations) * (np.arange(len(step)) % RIG_SIZE == HEADING)
         for _ in range(ITERATIONS):
             linear = self._linearise(observations, ahead, track[nodes], step)
             weights = np.linalg.inv(linear.R)
@@ -142,12 +143,14 @@ class RigCalibration:
             vectors[0] += np.linalg.solve(WIDE, track[0])
             both = np.concatenate([vectors[..., None], shared], 2).reshape(track.size, -1)
             solved = solveh_banded(_banded(matrix), both, lower=True)
-            information = prior + np.einsum('kit,kiu->tu', linear.T, weighed_T) - both[:, 1:].T @ solved[:, 1:]
-            step = np.asarray(np.linalg.solve(information, np.einsum('kit,ki->t', weighed_T, linear.y)
-                                              - both[:, 1:].T @ solved[:, 0]), np.float64)
+            added = np.einsum('kit,kiu->tu', linear.T, weighed_T) - both[:, 1:].T @ solved[:, 1:]
+            damped = np.linalg.inv(np.eye(len(step)) + added * lasting)
+            information = prior + damped @ added
+            step = np.asarray(np.linalg.solve(information, damped @ (np.einsum('kit,ki->t', weighed_T, linear.y)
+                                                                     - both[:, 1:].T @ solved[:, 0])), np.float64)
             track = (solved[:, 0] - solved[:, 1:] @ step).reshape(track.shape)
         self.mean = self.mean + step
-        self.covariance = np.asarray(np.linalg.inv(information), np.float64)
+        self.covariance = np.asarray(np.linalg.inv(0.5 * (information + information.T)), np.float64)
 
     def _linearise(self, observations: Sequence[Observation], ahead: NDArray[np.float64], track: NDArray[np.float64],
                    step: NDArray[np.float64]) -> _Linear:

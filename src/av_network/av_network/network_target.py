@@ -58,7 +58,6 @@ class NetworkTarget:
         refuted: whether an observation cannot stem from it.
         classes: how often the rigs named each class.
         log_odds_drone: running mean of the logarithms of the odds that the rigs report for a drone; NaN while unknown.
-        duplicate_since (s): since when it may be the same target as an older one; inf if it is not.
         disputed_since (s): since when it is no part of the best global hypothesis; inf while it is.
     """
 
@@ -74,7 +73,6 @@ class NetworkTarget:
     refuted: bool = False
     classes: Counter[str] = field(default_factory=Counter)
     log_odds_drone: float = math.nan
-    duplicate_since: float = math.inf
     disputed_since: float = math.inf
 
     @property

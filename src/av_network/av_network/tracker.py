@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
-from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
+from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
@@ -31,7 +31,6 @@ SKY = 2.0  # sr, in which a rig's targets usually are
 USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
 MATURE_S = 2.0  # after which a target teaches the errors of directions
 INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
-SAME_S = 1.0  # for which two tracks must agree to become one
 DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
 DECISION_PERIOD_S = 0.25
 NEVER = 1e6  # cost of an impossible assignment
@@ -229,14 +228,13 @@ class NetworkTracker:
             self.calibration.note(self.hypotheses[row].id, observations[column], means[row, :6], time)
 
     def _tidy(self, time: float) -> None:
-        """Confirm candidates, end those without hope and tracks that are lost, and join duplicates; some times a second."""
+        """Confirm candidates, end those without hope and tracks that are lost; some times a second."""
         if abs(time - self._decided) < DECISION_PERIOD_S:
             return
         self._decided = time
         self.unexplained = {key: pair for key, pair in self.unexplained.items() if time - pair[1] < 2.0}
         self._prune(time)
         self._decide(time)
-        self._join(time)
 
     def _prune(self, time: float) -> None:
         """End targets that are lost, and candidates that are refuted, silent, the same as a better one, or too many."""
@@ -294,10 +292,7 @@ class NetworkTracker:
                 each.disputed_since = math.inf if each.odds > 0.0 else min(each.disputed_since, time)
             elif (each.odds >= self._least_odds and time - each.started >= self.settings.least_age
                   and sigmas[row] < self.settings.most_sigma):
-                if any(other.confirmed and self._same(index, row, time) for index, other in enumerate(self.hypotheses)):
-                    each.refuted = True
-                else:
-                    self._confirm(each, members[row], time)
+                self._confirm(each, members[row], time)
 
     def _confirm(self, each: NetworkTarget, keys: set[tuple[int, int]], time: float) -> None:
         each.id, each.born = self.new_id(), time
@@ -311,31 +306,3 @@ class NetworkTracker:
                 other.members = {rig: member for rig, member in other.members.items() if (rig, member.id) not in keys}
             elif other.tracks() & keys:
                 other.refuted = True
-
-    def _join(self, time: float) -> None:
-        """Of two tracks that agree for some time, and that no rig tells apart, that of more rigs stays, or the older one."""
-        rows = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
-        rows.sort(key=lambda row: (-len(self.hypotheses[row].tracks(time - SILENT_S)), self.hypotheses[row].id))
-        gone = set()
-        for place, second in enumerate(rows):
-            each = self.hypotheses[second]
-            if any(self._same(first, second, time) for first in rows[:place] if first not in gone):
-                each.duplicate_since = min(each.duplicate_since, time)
-                if time - each.duplicate_since >= SAME_S:
-                    gone.add(second)
-            else:
-                each.duplicate_since = math.inf
-        self._keep([row for row in range(len(self.hypotheses)) if row not in gone])
-
-    def _same(self, first: int, second: int, time: float) -> bool:
-        """Whether two tracks are more probably one target than two, of which the other one could be anywhere.
-
-        Those of which a rig observes both are two.
-        """
-        a, b = (self.hypotheses[index].members for index in (first, second))
-        if any(abs(a[rig].last - b[rig].last) < 0.5 and time - a[rig].last < 1.0 for rig in a.keys() & b.keys()):
-            return False
-        means, covariances = self.filter.targets()
-        offset, P = means[first, :3] - means[second, :3], covariances[first, :3, :3] + covariances[second, :3, :3]
-        log_density = -0.5 * (float(offset @ np.linalg.solve(P, offset)) + 3.0 * LOG_TAU + float(np.linalg.slogdet(P)[1]))
-        return log_density > math.log(3.0 * self._density / self.settings.most_distance**3)
