@@ -14,7 +14,7 @@ import numpy as np
 
 from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
-from av_common.sample_clock import SampleClock
+from av_audio.sample_clock import SampleClock
 
 # A device without a block for this long is considered lost.
 LOST_AFTER_S = 1.5

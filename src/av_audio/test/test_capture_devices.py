@@ -13,9 +13,9 @@ from av_audio.device_process import load_sounddevice
 from av_audio.device_source import DeviceSource
 from av_audio.localizer import Localizer
 from av_audio.ring_buffer import RingBuffer
+from av_audio.sample_clock import FAST_SLEW
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
-from av_common.sample_clock import FAST_SLEW
 
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 

@@ -25,8 +25,8 @@ from av_audio.calibration_report import Verdict, judge, outlier_lines
 from av_audio.cli.guided_recording import record
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
 from av_audio.device_source import DeviceSource
+from av_audio.tables import read_table
 from av_common.microphone_array import MicrophoneArray
-from av_common.tables import read_table
 
 # Places of the loudspeaker in guided mode, in degrees: both ends of the axis, in front and behind.
 PLACES_DEG = (*range(-90, 91, 15), 120, 150, 180, -150, -120)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_common.sample_clock import SampleClock
+from av_audio.sample_clock import SampleClock
 
 RATE, BLOCK = 48_000, 1600
 
