@@ -241,6 +241,6 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
     if not parameters.rig_file:
         raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
     rig = load_rig(parameters.rig_file)
-    layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels, parameters.sample_rate)
+    layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels)
     return BridgeStage(rig, layout, BridgeSettings(**{
         name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__ if hasattr(parameters, name)}))

@@ -26,6 +26,7 @@ from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
 PX4_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT,
                      durability=DurabilityPolicy.VOLATILE)
 ASK, ANSWER = 'message_format_request', 'message_format_response'
+FMU = 'fmu/'  # before all of PX4's topics, in the namespace that UXRCE_DDS_NS gives it and the node has
 
 
 def load_px4_msgs() -> ModuleType:
@@ -54,17 +55,16 @@ class Px4Link:
 
     Parameters:
         node: node that owns them
-        prefix: the part of the topics' names before `/out/` and `/in/`, such as `fmu`
 
     Attributes:
         messages: the module px4_msgs.msg
         problems: what is wrong with the versions, by the topics' names without prefix and version
     """
 
-    def __init__(self, node: GuardedNode, prefix: str) -> None:
+    def __init__(self, node: GuardedNode) -> None:
         self.messages = load_px4_msgs()
         self.problems: dict[str, str] = {}
-        self._node, self._prefix = node, prefix
+        self._node = node
         self._wanted: dict[str, tuple[type, Callable[[Any], None]]] = {}
         self._inputs: dict[str, type] = {}
         self._subscriptions: dict[str, tuple[str, Any]] = {}
@@ -152,7 +152,7 @@ class Px4Link:
         topic = self._layouts.question(time.monotonic()) if self._asks else None
         if topic is not None:
             request = self.messages.MessageFormatRequest(protocol_version=PROTOCOL)
-            request.topic_name = characters(f'fmu/{topic}', request.topic_name)
+            request.topic_name = characters(f'{FMU}{topic}', request.topic_name)
             self._publishers[ASK][1].publish(request)
 
     def close(self) -> None:
@@ -164,7 +164,7 @@ class Px4Link:
 
     def _on_layout(self, message: Any) -> None:
         if message.protocol_version == PROTOCOL:
-            self._layouts.answer(text(message.topic_name).removeprefix('fmu/'), message.success, message.message_hash)
+            self._layouts.answer(text(message.topic_name).removeprefix(FMU), message.success, message.message_hash)
             self.ask()
 
     def _hears(self, read: list[str]) -> bool:
@@ -173,7 +173,7 @@ class Px4Link:
         return self._publishers[ASK][0] in read and time.monotonic() - newest <= SILENT_S
 
     def _resolved(self, side: str, name: str) -> str:
-        return self._node.resolve_topic_name(f'{self._prefix}/{side}/{name}')
+        return self._node.resolve_topic_name(f'{FMU}{side}/{name}')
 
     def _offered(self, side: str, name: str, topics: list[str]) -> dict[int, str]:
         return offered_versions(self._resolved(side, name), topics)

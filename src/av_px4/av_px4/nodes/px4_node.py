@@ -60,7 +60,7 @@ class Px4Node(RigNode):
     def configure(self) -> None:
         """Create the stage and the publishers. Raises ImportError without px4_msgs, ValueError for impossible limits."""
         self._settings = self.settings
-        self._link = Px4Link(self, self._settings.fmu)
+        self._link = Px4Link(self)
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_px4_stage(self._settings, self._link.messages, gimbal)
         for name, kind in (OUTPUTS | (MODE_OUTPUTS if self._stage.mode else {})).items():
