@@ -72,7 +72,7 @@ class DetectionStage:
         Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
-        image = self.shown = self._gain.apply(image_from_message(message), time)
+        image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
         camera = self._camera_of(image.shape[1], image.shape[0])
         pose = self._pose(header.frame_id, time, camera)
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
@@ -103,6 +103,11 @@ class DetectionStage:
             raise ValueError('a bearing without direction, or of negative variance')
         self._bearing = (to_seconds(message.measured), message)
 
+    @property
+    def _most_pixels(self) -> int:
+        """Pixels from which an image is not decoded: twice those of its camera, where a CameraInfo told them."""
+        return 2 * self._camera.width * self._camera.height if self._told and self._camera else MOST_PIXELS
+
     def _camera_of(self, width: int, height: int) -> PinholeCamera | None:
         """The camera of images of this size. Raises ValueError for another than that of a CameraInfo: bearings rest on it."""
         camera = self._camera
@@ -131,7 +136,7 @@ class DetectionStage:
 
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
-        check_pixels(message.width, message.height, MOST_PIXELS)
+        check_pixels(message.width, message.height, self._most_pixels)
         self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
