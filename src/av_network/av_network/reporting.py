@@ -17,7 +17,6 @@ from av_network.settings import NetworkSettings
 
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
-YOUNG_S = 1.0  # the same, of a track that was only just confirmed
 LEAST_VARIANCE = 1e-12  # rad^2, of an error that lasts
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
@@ -75,16 +74,14 @@ def lasting_errors(covariances: NDArray[np.float64], offsets: NDArray[np.float64
 def is_credible(target: NetworkTarget, time: float) -> bool:
     """Whether a target's observations fit each other, and are those of two rigs or were so lately.
 
-    One rig alone may meanwhile have a track of another drone. No track is trusted much longer than several rigs have observed
-    it: a chance meeting does not last. Each rig beyond three makes one less probable.
+    One rig alone may meanwhile have a track of another drone. Each rig beyond three makes a chance meeting less probable.
 
     Parameters:
         target: the target.
         time (s): by the reference clock.
     """
-    patience = min(SUPPORTED_S, YOUNG_S + target.supported - target.born)
     most = CONSISTENT + max(len(target.tracks(time - SUPPORTED_S)) - WELL_SUPPORTED, 0)
-    return target.odds > 0.0 and time - target.supported < patience and target.nis < most
+    return target.odds > 0.0 and time - target.supported < SUPPORTED_S and target.nis < most
 
 
 def are_precise(covariances: NDArray[np.float64], offsets: NDArray[np.float64], settings: NetworkSettings

@@ -30,7 +30,6 @@ SILENT_S = 1.5  # after which another track of the same rig may take the place o
 SKY = 2.0  # sr, in which a rig's targets usually are
 USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
 MATURE_S = 2.0  # after which a target teaches the errors of directions
-INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
 DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
 DECISION_PERIOD_S = 0.25
 NEVER = 1e6  # cost of an impossible assignment
@@ -220,7 +219,7 @@ class NetworkTracker:
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
 
     def _teach(self, assigned: dict[int, int], observations: Sequence[Observation], time: float) -> None:
-        """Correct headings and clocks by targets that are not new."""
+        """Correct headings and clocks."""
         if self.calibration.is_exact:
             return
         means = self.filter.targets()[0]
@@ -257,7 +256,7 @@ class NetworkTracker:
         self._keep(kept)
 
     def _is_lost(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return (sigma > self.settings.most_sigma or each.nis > INCONSISTENT or time - each.measured > self.settings.coast
+        return (sigma > self.settings.most_sigma or time - each.measured > self.settings.coast
                 or time - each.disputed_since > DISPUTED_S)
 
     def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:

@@ -38,12 +38,6 @@ def test_a_position_that_is_not_verified_is_not_told(values):
     assert positioned(KNOWN) and not positioned(replace(KNOWN, **values))
 
 
-def test_a_young_target_is_believed_hardly_longer_than_several_rigs_observed_it():
-    """Until 1.9 s ago, and since its confirmation for 1 s in one case and for 0.8 s in the other."""
-    young = replace(KNOWN, supported=8.6)
-    assert positioned(replace(young, born=7.6)) and not positioned(replace(young, born=7.8))
-
-
 def test_a_fourth_rig_makes_a_chance_meeting_improbable():
     """Innovations of 3.5 instead of 2 are believed of four rigs, those of 4.1 are not."""
     members = {rig: Member(1, 10.0, 5.0, ALONE, UNKNOWN) for rig in range(4)}
