@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import insort
 from collections.abc import Callable, Sequence
-from heapq import heappop, heappush
-from itertools import combinations, count
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +63,7 @@ class Part(NamedTuple):
 
 SIGNS = {
     SWAPPED: Part('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array'),
-    REFLECTED: Part('opposite microphones are exchanged', 'exchange their channels, or their positions in the file of the array'),
+    REFLECTED: Part('opposite microphones are exchanged', 'exchange their channels, or their positions in the file'),
     MIRRORED: Part('the image is mirrored or upside down',
                    'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg'),
     ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg'),
@@ -176,8 +176,7 @@ class ConsistencyMonitor:
 
     def __init__(self, motion: RigMotion, sound_delay: float = 0.0, sight_delay: float = 0.0) -> None:
         self._motion, self._sound_delay, self._sight_delay = motion, sound_delay, sight_delay
-        self._waiting: list[tuple[float, int, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
-        self._numbers = count()  # of measurements: those of one time stay in their order
+        self._waiting: list[tuple[float, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
         self._bank: FilterBank | None = None
         self._time = self._seen = self._heard = self._several = -math.inf
         self.fault: Fault | None = None
@@ -201,9 +200,8 @@ class ConsistencyMonitor:
             self._add(usable.time - self._sight_delay, usable)
 
     def _add(self, time: float, measurement: CameraMeasurement | tuple[DoaMeasurement, ...]) -> None:
-        heappush(self._waiting, (time, next(self._numbers), measurement))
-        if len(self._waiting) > MOST_WAITING:
-            heappop(self._waiting)
+        insort(self._waiting, (time, measurement), key=lambda one: one[0])
+        del self._waiting[:-MOST_WAITING]
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
@@ -216,7 +214,7 @@ class ConsistencyMonitor:
             self._waiting.clear()
             bank.turn_world()
         while self._waiting and self._waiting[0][0] <= now - LAG_S:
-            time, _, measurement = heappop(self._waiting)
+            time, measurement = self._waiting.pop(0)
             if time >= self._time and self._motion.is_known(time):
                 if isinstance(measurement, CameraMeasurement):
                     self._see(bank, time, measurement)
@@ -297,9 +295,7 @@ class ConsistencyMonitor:
         """What is published of a bearing at `now` (s): while nothing is seen, bearings are off by as much as when it was."""
         if bank.target_known and now - self._seen <= GAP_S:
             self._apart = bank.apart(now - self._time, self._motion.yaw(now))
-        posterior = bank.posterior()
-        in_body, in_world = self._apart @ posterior
-        return Belief(float(posterior @ self._flips), float(in_body), float(in_world))
+        return Belief(*map(float, np.vstack([self._flips, self._apart]) @ bank.posterior()))
 
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""
@@ -320,5 +316,5 @@ def _parts(hypothesis: Hypothesis) -> list[Part]:
 def _text(bank: FilterBank, number: int) -> str:
     """What a hypothesis says, with the value of its parameter."""
     hypothesis = bank.hypotheses[number]
-    values = {index: PARAMETERS[index].shown(float(bank.mean[ALONE + number, index])) for index in hypothesis.sigmas}
-    return ', and '.join(part.text.format(value=next(iter(values.values()), 0.0)) for part in _parts(hypothesis))
+    value = sum(PARAMETERS[index].shown(float(bank.mean[ALONE + number, index])) for index in hypothesis.sigmas)  # one at most
+    return ', and '.join(part.text.format(value=value) for part in _parts(hypothesis))

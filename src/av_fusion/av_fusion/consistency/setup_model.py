@@ -206,8 +206,7 @@ class FilterBank:
         self._shares = np.array([[1.0], [len(event.rays) - 1.0]]) / len(event.rays)
         late = self.mean[:, CAMERA_LATE]
         yaws = self._turn * np.interp(late, YAW_DELAYS_S, event.yaws)
-        turning = self._turn * (np.interp(late + 0.05, YAW_DELAYS_S, event.yaws) -
-                                np.interp(late - 0.05, YAW_DELAYS_S, event.yaws)) / 0.1
+        turning = self._turn * np.interp(late, YAW_DELAYS_S, np.gradient(event.yaws, YAW_DELAYS_S))
         azimuths, elevations = self._seen(event.rays, event, self.mean[:, FOCAL])
         if not self.target_known:
             self.mean[self._sees, TARGET] = (azimuths[:, 0] + yaws)[self._sees]
