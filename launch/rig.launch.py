@@ -27,6 +27,7 @@ from av_bringup.launching import (
     RIG_ARGUMENTS,
     Arguments,
     MissingPackageError,
+    audio_node,
     camera_nodes,
     describe,
     detector_nodes,
@@ -185,7 +186,7 @@ def files(arguments: Arguments) -> list[ExecuteProcess]:
         raise ValueError(f'video_offset is {offset}, expected seconds between sound and video: it needs audio:= and video:=')
     sensors, players = [], []
     if arguments['audio']:
-        sensors.append(rig_node(arguments, 'av_audio', 'audio_node', {'source': 'file', 'file': arguments['audio']}))
+        sensors.append(audio_node(arguments, {'source': 'file', 'file': arguments['audio']}))
         players.append(Player('audio_node', max(-offset, 0.0), ['doa_node']))
     if arguments['video']:
         # The recording is the first camera's.
@@ -198,7 +199,7 @@ def files(arguments: Arguments) -> list[ExecuteProcess]:
 
 def hardware(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes of microphones and cameras, which are selected in the parameter file."""
-    return [rig_node(arguments, 'av_audio', 'audio_node', {'source': 'device'}),
+    return [audio_node(arguments, {'source': 'device'}),
             *camera_nodes(arguments, {'source': 'device'}), *detector_nodes(arguments, {})]
 
 

@@ -283,6 +283,16 @@ def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
                      output='screen', sigterm_timeout='20', respawn=False)]
 
 
+def audio_node(arguments: Arguments, parameters: dict) -> Node:
+    """The sound of the rig's microphones, in the frame of its description.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
+    return rig_node(arguments, 'av_audio', 'audio_node', {'frame_id': load_rig(arguments['rig']).array.frame, **parameters})
+
+
 def doa_node(arguments: Arguments, parameters: dict) -> Node:
     """Direction of arrival, with the array file of the argument `array` or of the rig's description.
 
