@@ -254,7 +254,8 @@ class ConsistencyMonitor:
             return
         self._pass(bank, time)
         self._heard = time
-        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and len(window) <= MOST_HEARD
+        # Of several directions of a planar array the components could be mixed.
+        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and len(window) <= (1 if cone is None else MOST_HEARD)
         pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
         images = np.array([h.azimuth for h in first.hypotheses])
         if cone is not None:
