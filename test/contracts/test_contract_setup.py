@@ -65,19 +65,8 @@ def test_a_turned_camera_is_told_by_a_rig_that_turns_far():
 
 
 @pytest.mark.parametrize('array', ['square', 'eight'])
-@pytest.mark.parametrize('faults', [
-    Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(rolled_deg=90.0), Faults(camera_yaw_deg=90.0),
-    Faults(yaw_sign=-1)], ids=title)
+@pytest.mark.parametrize('faults', [Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(yaw_sign=-1)], ids=title)
 def test_arrays_that_tell_front_from_back_tell_faults_too(faults, array):
-    told_of_array(faults, array)
-
-
-def test_exchanged_opposite_microphones_of_a_square_are_told():
-    told_of_array(Faults(swapped=True), 'square')
-
-
-def told_of_array(faults, array):
-    """The fault is named, and the bearing is right or uncertain from then on."""
     rig, first = told(faults, 3, 20.0, array=array)
     assert first is not None and named(faults, first[1])
     assert lies(rig, first[0] + 0.2) == lies(rig, first[0] + 0.2, in_world=True) == 0.0

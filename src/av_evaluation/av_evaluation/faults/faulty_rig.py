@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, unit, vector, wrapped
+from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, wrapped
 
 
 @dataclass
@@ -19,7 +19,7 @@ class Faults:
     """What is wrong. Defaults are a rig as described.
 
     Parameters:
-        swapped: the microphones are exchanged; of a square, the left front one and the right rear one.
+        swapped: the microphones are exchanged.
         camera_yaw_deg: the camera is turned by this to the left of what is said.
         mirrored, upside_down: the image.
         rolled_deg: the camera is turned by this about its axis, clockwise as seen from behind it.
@@ -74,9 +74,6 @@ class FaultyRig(FormulaRig):
                     one.cosine = min(max(cosine, -1.0), 1.0)
                     apart = math.asin(one.cosine)
                     one.azimuth = apart if front else math.copysign(math.pi, apart) - apart
-                elif wrong.swapped:
-                    one.azimuth = math.remainder(-0.5 * math.pi - one.azimuth, math.tau)
-                    one.direction = vector(unit(math.degrees(one.azimuth), math.degrees(one.elevation)))
         elif kind == 'odometry' and wrong.yaw_sign < 0:
             message.pose.pose.orientation.z *= -1.0    # of a level rig
             message.twist.twist.angular.z *= -1.0

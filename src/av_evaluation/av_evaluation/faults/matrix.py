@@ -25,7 +25,7 @@ NAMES = {'swapped': 'microphones are exchanged', 'camera_yaw_deg': 'camera is tu
          'upside_down': 'mirrored or upside down', 'rolled_deg': 'camera is rolled', 'late': 'images are stamped',
          'yaw_sign': 'yaw of the odometry', 'delay': 'one channel is late', 'spacing': 'times as far apart',
          'focal': 'focal length'}
-FOR_PAIR = ('delay', 'spacing')
+FOR_PAIR = ('swapped', 'delay', 'spacing')
 SINGLE = (Faults(swapped=True), Faults(camera_yaw_deg=15.0), Faults(camera_yaw_deg=-22.0), Faults(camera_yaw_deg=40.0),
           Faults(camera_yaw_deg=-90.0), Faults(camera_yaw_deg=180.0), Faults(mirrored=True), Faults(upside_down=True),
           Faults(rolled_deg=90.0), Faults(rolled_deg=-90.0), Faults(late=0.3), Faults(late=0.15), Faults(yaw_sign=-1),

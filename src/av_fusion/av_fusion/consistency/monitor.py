@@ -21,7 +21,6 @@ from av_fusion.consistency.setup_model import (
     FOCAL,
     IMAGES,
     MIRRORED,
-    REFLECTED,
     REVERSED_YAW,
     ROLLED_LEFT,
     ROLLED_RIGHT,
@@ -62,12 +61,14 @@ class Part(NamedTuple):
 
 
 SIGNS = {
-    SWAPPED: Part('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array'),
-    REFLECTED: Part('opposite microphones are exchanged', 'exchange their channels, or their positions in the file'),
+    SWAPPED: Part('the microphones are exchanged', 'exchange their channels, or their positions in the file of the array',
+                  for_pair=True),
     MIRRORED: Part('the image is mirrored or upside down',
                    'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg'),
-    ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg'),
-    ROLLED_RIGHT: Part('the camera is rolled to the right by 90 deg', 'a roll of 90 in camera: mount: rpy_deg'),
+    ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg',
+                      for_pair=True),
+    ROLLED_RIGHT: Part('the camera is rolled to the right by 90 deg', 'a roll of 90 in camera: mount: rpy_deg',
+                       for_pair=True),
     REVERSED_YAW: Part('the yaw of the odometry has the wrong sign',
                        'odometry in ENU: counter-clockwise is positive (REP-103)')}
 PARAMETERS = {
@@ -94,14 +95,13 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
         is_pair: whether the array is linear.
     """
     sigmas = {index: part.sigma for index, part in PARAMETERS.items() if is_pair or not part.for_pair}
-    signs = [sign for sign in SIGNS if sign != REFLECTED and (is_pair or sign != SWAPPED)]
-    # Exchanged opposite microphones of a square or a cross mirror directions at an axis: those ahead, and turned.
-    exchanged = ((SWAPPED, 0.0),) if is_pair else tuple((REFLECTED, turned) for turned in (0.0, *QUARTERS))
+    signs = [sign for sign, part in SIGNS.items() if is_pair or not part.for_pair]
+    turns = QUARTERS if is_pair else ()
     return (Hypothesis(DESCRIBED),
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
-            *(Hypothesis(TWO, (), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for turned in QUARTERS),
-            *(Hypothesis(TWO, (sign,), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for sign, turned in exchanged),
+            *(Hypothesis(TWO, (), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for turned in turns),
+            *(Hypothesis(TWO, (sign,), {CAMERA_YAW: sigmas[CAMERA_YAW]}) for sign in signs if sign == SWAPPED),
             *(Hypothesis(TWO, both) for both in combinations(signs, 2) if not set(both) <= set(IMAGES)))
 
 
@@ -261,12 +261,12 @@ class ConsistencyMonitor:
         if cone is not None:
             cosines = np.array([m.cone.cosine for m in window if m.cone is not None])
             variance = cone.variance + SOUND_SIGMA**2 * cone.slope_squared
-            bank.hear(SoundEvent(np.array(cone.axis), True, cosines, variance, images, *pose), is_seen)
+            bank.hear(SoundEvent(np.array(cone.axis), cosines, variance, images, *pose), is_seen)
             return
         across = first.hypotheses[0].across_variance + SOUND_SIGMA**2
         heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
-        for axis, mirrors in zip(np.eye(3), (False, True), strict=False):
-            bank.hear(SoundEvent(axis, mirrors, heard @ axis, across, images, *pose), is_seen)
+        for axis in np.eye(3)[:2]:
+            bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose), is_seen)
 
     def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0
@@ -310,8 +310,7 @@ class ConsistencyMonitor:
 
 def _parts(hypothesis: Hypothesis) -> list[Part]:
     """What is wrong by a hypothesis."""
-    return [*(SIGNS[sign] for sign in hypothesis.signs), *(PARAMETERS[index] for index in hypothesis.sigmas
-                                                                  if REFLECTED not in hypothesis.signs)]
+    return [*(SIGNS[sign] for sign in hypothesis.signs), *(PARAMETERS[index] for index in hypothesis.sigmas)]
 
 
 def _text(bank: FilterBank, number: int) -> str:

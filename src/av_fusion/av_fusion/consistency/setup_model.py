@@ -39,7 +39,7 @@ UNIFORM = 0.5  # density of a cosine that may be any
 UNPAIRED, PARTS_S, MEETS_S = 0.05, 60.0, 10.0
 
 
-SWAPPED, REFLECTED, REVERSED_YAW = 'swapped', 'reflected', 'reversed yaw'  # signs that may be wrong
+SWAPPED, REVERSED_YAW = 'swapped', 'reversed yaw'  # signs that may be wrong
 MIRRORED, ROLLED_LEFT, ROLLED_RIGHT = 'mirrored', 'rolled left', 'rolled right'
 # From rays as the image shows them to those in the camera, where it is not as described.
 IMAGES = {MIRRORED: np.diag([1.0, -1.0, 1.0]), ROLLED_LEFT: np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
@@ -88,7 +88,6 @@ class SoundEvent(NamedTuple):
 
     Parameters:
         axis: unit vector (3) in the body.
-        mirrors: whether directions along it are the opposite ones where channels are exchanged.
         cosines: (n) measured, of all directions of the window.
         variance: of a cosine.
         images (rad): azimuths (2) of the first direction's mirror images in the body.
@@ -98,7 +97,6 @@ class SoundEvent(NamedTuple):
     """
 
     axis: NDArray
-    mirrors: bool
     cosines: NDArray
     variance: float
     images: NDArray
@@ -144,9 +142,8 @@ class FilterBank:
         self.covariance[:, BIAS, BIAS] = BIAS_SIGMA**2
         self.mean[:, TRAVEL], self.covariance[:, TRAVEL, TRAVEL] = TRAVEL_S, TRAVEL_SIGMA_S**2
         self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in self.hypotheses]
-        self._channel, self._turn = (
-            np.array([1.0] * ALONE + [1.0 if wrong.isdisjoint(h.signs) else -1.0 for h in self.hypotheses])
-            for wrong in ({SWAPPED, REFLECTED}, {REVERSED_YAW}))
+        self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
+                                     for sign in (SWAPPED, REVERSED_YAW))
         self._image = np.stack([np.eye(3)] * ALONE + [next((IMAGES[sign] for sign in h.signs if sign in IMAGES), np.eye(3))
                                                       for h in self.hypotheses])
         self._rolled = self._image[ALONE:, 1, 1] == 0.0
@@ -302,10 +299,9 @@ class FilterBank:
         aside = np.stack([-level * sine, level * cosine, np.zeros_like(level)], axis=1)
         axis = event.level @ event.axis
         spacing = np.exp(self.mean[:, SPACING])
-        channel = self._channel if event.mirrors else 1.0
-        along = channel * spacing * (flat @ axis)
+        along = self._channel * spacing * (flat @ axis)
         # Errors are often smaller than reported. To expect less of them, as by a smaller array, is no evidence for a fault.
-        by_angle = channel * np.maximum(spacing, 1.0) * (aside @ axis)
+        by_angle = self._channel * np.maximum(spacing, 1.0) * (aside @ axis)
         slopes = np.zeros_like(self.mean)
         slopes[:, TARGET], slopes[:, TARGET_RATE], slopes[:, TRAVEL] = by_angle, -travel * by_angle, -rate * by_angle
         slopes[:, CAMERA_LATE] = self._sees * rate * by_angle
