@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from av_evaluation.figures import Sections, print_sections
-from av_evaluation.hearing import free_field, rooms
+from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
@@ -32,6 +32,8 @@ def sections(count: int, data: Path) -> Sections:
         'several': partial(free_field.several, min(count, 100), sources),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
         'kemar': partial(rooms.kemar, data),
+        'wind': partial(wind_hiss.wind, min(count, 150), sources),
+        'hiss': partial(wind_hiss.hiss, min(count, 100), sources),
         'ego_noise': partial(ego_noise, min(count, 100), sources),
         'cost': free_field.cost,
     }

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from av_audio.file_source import read_sound
+from av_simulator.sound.source_signals import SourceSignal
 
 RATE = 48_000
 BAND_HZ = (200.0, 4000.0)
@@ -22,13 +23,22 @@ BAND_HZ = (200.0, 4000.0)
 Source = Callable[[Generator, float, NDArray], NDArray]
 
 
-def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, float] = BAND_HZ) -> NDArray:
-    """Gaussian noise with a flat spectrum inside the band: sinusoids at a distance of 0.5 / seconds, with random amplitudes."""
+def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, float] = BAND_HZ, slope: float = 0.0
+         ) -> NDArray:
+    """Gaussian noise with amplitudes f^-slope inside the band: sinusoids at a distance of 0.5 / seconds."""
     count = round(seconds * RATE)
     frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
     inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
     spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
-    return _delayed(spectrum, frequencies, delays, count)
+    return _delayed(spectrum / np.maximum(frequencies, 1.0) ** slope, frequencies, delays, count)
+
+
+def comb(rng: Generator, seconds: float, delays: NDArray, fundamental_hz: float) -> NDArray:
+    """Harmonics of equal amplitude up to 4.5 kHz, of a fundamental that wanders by 2 % once a second, as wing beats do."""
+    time = np.arange(round(seconds * RATE))[:, None] / RATE - delays
+    turn = np.exp(2j * np.pi * fundamental_hz * (time + 0.02 / (2.0 * np.pi) * np.sin(2.0 * np.pi * (time + rng.uniform()))))
+    amplitudes = np.exp(2j * np.pi * rng.uniform(size=int(4500.0 / fundamental_hz)))
+    return np.asarray(np.polynomial.polynomial.polyval(turn, np.concatenate([[0.0], amplitudes])).real)
 
 
 def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) -> NDArray:
@@ -67,6 +77,18 @@ def recordings(folder: Path) -> Source:
         count, pad = round(seconds * RATE), RATE // 10
         start = rng.integers(len(clip) - count - 2 * pad)
         part = clip[start:start + count + 2 * pad]
+        frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
+        return _delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
+
+    return excerpt
+
+
+def simulated(sound: SourceSignal) -> Source:
+    """A source of random excerpts of the first minute of a sound of the simulator, delayed by phase shifts."""
+    def excerpt(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+        count, pad, start = round(seconds * RATE), RATE // 10, int(rng.integers(60 * RATE))
+        stream = sound.stream(RATE, [int(rng.integers(1000))], lambda times: np.zeros((len(times), 3)))
+        part = stream.read(start, start + count + 2 * pad)
         frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
         return _delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
 

@@ -1,0 +1,85 @@
+"""Directions in wind at the microphones, beside methods of others; what of hiss, machines and voices is taken for a drone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from av_audio.drone_classifier import DroneClassifier, load_model
+from av_audio.localizer import Localizer
+from av_common.angles import angles_to_direction, wrap
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, PAIR, SETTINGS, WINDOW_S, C
+from av_evaluation.hearing.peers import gcc_phat, of_library
+from av_evaluation.hearing.signals import RATE, Source, add_noise, band_power, comb, flat, simulated
+from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
+from av_simulator.sound.noise import Wind
+
+WIND_DB = (0.0, 5.0, 10.0, 20.0)  # over the drone, from 200 to 4000 Hz
+GALE = Wind((8.0, 0.0, 0.0))
+POOL_S, HEARD_S = 20.0, 1.2
+FAR_OFF_DEG = 20.0
+WHOLE_HZ = (50.0, 16_000.0)
+OTHERS: dict[str, Source] = {
+    **{f'{name} noise': partial(flat, band_hz=WHOLE_HZ, slope=slope)
+       for name, slope in (('white', 0.0), ('pink', 0.5), ('brown', 1.0))},
+    **{f'comb of {hz:g} Hz': partial(comb, fundamental_hz=hz) for hz in (40.0, 150.0, 230.0)},
+    **{name: simulated(sound) for name, sound in (('engine', EngineSignal()), ('helicopter', HelicopterSignal()),
+                                                  ('siren', SirenSignal()), ('voice', VoiceSignal()))}}
+
+
+def wind(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
+    """Errors of a pair's directions in wind, mirror images folded.
+
+    Parameters:
+        count: windows per level.
+        sources: generators of sound by name.
+    """
+    drones = [source for name, source in sources.items() if name != 'flat noise']
+    gusts = GALE.stream(RATE, PAIR.positions, [91]).read(0, round(POOL_S * RATE)).T
+    for over_db in WIND_DB:
+        rng, localizer, errors, passed = np.random.default_rng(92), Localizer(PAIR, RATE, SETTINGS), list[list[float]](), []
+        for _ in range(count):
+            azimuth = float(rng.uniform(-np.pi, np.pi))
+            sound = drones[rng.integers(len(drones))](rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
+            start = int(rng.integers(len(gusts) - len(sound)))
+            gust = gusts[start:start + len(sound)]
+            sound = sound + gust * np.sqrt(band_power(sound[:, 0]) / band_power(gust[:, 0]) * 10.0 ** (over_db / 10.0))
+            sound = add_noise(rng, sound, 30.0)
+            estimate, = localizer.process(sound, localizer.next_sample)
+            passed.append(bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD)))
+            truth = np.arcsin(np.sin(azimuth))
+            found = (float(np.arcsin(np.sin(estimate.azimuth[0]))), gcc_phat(sound, PAIR, RATE),
+                     *(of_library(method, sound, PAIR, RATE) for method in ('SRP', 'MUSIC')))
+            errors.append([float(np.degrees(abs(wrap(one - truth)))) for one in found])
+        table = np.array(errors)
+        for name, column in zip(('ours', 'GCC-PHAT', 'SRP-PHAT', 'MUSIC'), table.T, strict=True):
+            title = f'wind {over_db:+.0f} dB over the drone, {name}'
+            yield Figure(f'{title}: median error', float(np.median(column)), 'deg')
+            yield Figure(f'{title}: beyond 20 deg', 100.0 * float(np.mean(column > FAR_OFF_DEG)), '%')
+        sure = table[passed, 0]
+        yield Figure(f'wind {over_db:+.0f} dB over the drone, ours: of confident ones beyond 20 deg',
+                     100.0 * float(np.mean(sure > FAR_OFF_DEG)) if len(sure) else 0.0, '%', 3.0)
+
+
+def hiss(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
+    """Share of single seconds that are judged a drone at even odds, by kind, 10 dB above the noise of a pair.
+
+    Parameters:
+        count: seconds per kind.
+        sources: generators of sound by name, of which the recordings of drones are used.
+    """
+    drones = {name: source for name, source in sources.items() if name == 'drone recordings'}
+    model = load_model('')
+    assert model is not None  # of the shipped one
+    for name, source in {**OTHERS, **drones}.items():
+        rng, classifier, judged = np.random.default_rng(93), DroneClassifier(PAIR, RATE, C, model), []
+        for _ in range(count):
+            direction = angles_to_direction(float(rng.uniform(-1.0, 1.0)))
+            sound = source(rng, HEARD_S, -PAIR.positions @ direction / C)
+            classifier.clear()
+            classifier.add(add_noise(rng, sound, 10.0).astype(np.float32))
+            judged.append(classifier.judge([PAIR.basis.T @ direction])[0].probability > 0.5)
+        yield Figure(f'{name}: seconds judged a drone', 100.0 * float(np.mean(judged)), '%')
