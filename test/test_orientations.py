@@ -9,7 +9,7 @@ import pytest
 from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry
 
-from av_common.frames import is_orientation
+from av_common.frames import BASE_FRAME, is_orientation
 from av_common.gimbal_history import sample_of
 from av_common.rig import load_rig
 from av_common.stamps import to_stamp
@@ -33,13 +33,15 @@ def odometry(q):
 
 
 def gimbal_state(q):
-    return GimbalState(orientation=Quaternion(w=q[0], x=q[1], y=q[2], z=q[3]), source=GimbalState.SOURCE_FEEDBACK)
+    message = GimbalState(orientation=Quaternion(w=q[0], x=q[1], y=q[2], z=q[3]), source=GimbalState.SOURCE_FEEDBACK)
+    message.header.frame_id = BASE_FRAME
+    return message
 
 
 DECIDED = {
     'pose_of': lambda q: pose_of(odometry(q)), 'Pose': lambda q: Pose(START, q).is_plausible or None,
     'GimbalStage': lambda q: GimbalStage(load_rig(find_config('rig_gimbal'))).on_odometry(odometry(q), START) or True,
-    'sample_of': lambda q: sample_of(gimbal_state(q), '', ''), 'vehicle_state': lambda q: vehicle_state(odometry(q)),
+    'sample_of': lambda q: sample_of(gimbal_state(q)), 'vehicle_state': lambda q: vehicle_state(odometry(q)),
     'decode_gimbal': lambda q: decode_gimbal(encode_gimbal(GimbalSample(0, 1.0, np.array(q), 0.1))),
     'AttitudeHistory': lambda q: AttitudeHistory().add(START, q) or True,
     'pose_from_px4': lambda q: pose_from_px4(np.zeros(3), q, np.zeros(3), np.zeros(3))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.adaptive import Adaptive
@@ -67,14 +68,14 @@ def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window
         window: number of samples of a window.
         band_hz (Hz): lower and upper edge of the band-pass filter.
         speed_of_sound (m/s): speed of sound.
-        wideband: whether `ml` also uses phases above the band; not where spectra are whitened, as each band counts alike then,
-            and most drones are fainter than rotors there.
+        wideband: whether `ml` also uses phases above the band. Whitened, only a line of microphones needs them: the grid of
+            others would be eight times as large.
         recording: of the rig alone, by which spectra are whitened; None whitens nothing.
 
     Raises ValueError when the band or the recording do not fit.
     """
     highest = 0.0
-    if method == 'ml' and wideband and recording is None:
+    if method == 'ml' and wideband and (recording is None or array.rank == 1):
         highest = min(WIDEBAND_HZ, CONVERTED_SHARE * sample_rate / 2.0, WIDEBAND_WAVELENGTHS * speed_of_sound / array.aperture)
     analyzer = SpectrumAnalyzer(sample_rate, window, band_hz, highest_hz=highest)
     frequencies, response = analyzer.frequencies, analyzer.response
@@ -86,4 +87,5 @@ def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window
     if recording is not None:
         recording.check(array.channels, sample_rate)
         windows = [analyzer.spectra(part) for part in recording.windows(window)]
-    return analyzer, BandSearch(array, frequencies, response, speed_of_sound, method, windows)
+    above = frequencies > (np.sqrt(band_hz[0] * band_hz[1]) if highest > band_hz[1] else np.inf)
+    return analyzer, BandSearch(array, frequencies, np.where(above, 1.0, response), speed_of_sound, method, windows)

@@ -17,9 +17,9 @@ def flying(array, seconds=6.0):
 
 
 def test_a_recording_of_rotors_buys_decibels_and_its_limit_is_said():
-    """Textbook whitening has a tenth wrong at 15 dB and two thirds at 20; without a recording two thirds are at 10 dB."""
+    """Known of such rigs: with a recording a tenth is wrong at 15 dB, two thirds at 20 dB; without it two thirds at 10 dB."""
     verdict = judge(NoiseRecording(flying(PAIR), RATE), PAIR)
-    assert verdict.gain_db >= 5.0 and 15.0 <= verdict.heard_db <= 20.0 < verdict.deaf_db <= 25.0
+    assert verdict.gain_db >= 5.0 and 5.0 <= verdict.heard_db <= 15.0 < verdict.deaf_db <= 25.0
 
 
 def test_noise_of_the_microphones_cannot_be_bought_off():

@@ -101,5 +101,5 @@ def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):
     monkeypatch.setattr(ego_noise, 'of_library', lambda method, sound, array, rate: 0.0)
     shares = {figure.name: figure.value for figure in ego_noise.ego_noise(16, {'rotors': rotors}, rigs=2)}
     title = '2 microphones, own noise +10 dB, '
-    assert shares[f'{title}recording: beyond 20 deg'] == 0.0 < shares[f'{title}no recording: beyond 20 deg']
-    assert shares[f'{title}recording: of those confident'] == 0.0
+    assert shares[f'{title}recording, music: beyond 20 deg'] == 0.0 < shares[f'{title}no recording: beyond 20 deg']
+    assert shares[f'{title}recording, music: of those confident'] == 0.0

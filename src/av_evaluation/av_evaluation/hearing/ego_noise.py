@@ -29,7 +29,7 @@ FAR_OFF_RAD = np.radians(20.0)
 # Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.
 LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
 LEVELS_DB = {2: (0.0, 10.0, 15.0, 20.0), 8: (10.0, 20.0, 30.0)}
-SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'phat')}
+SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'music')}
 
 Locate = Callable[[NDArray], tuple[NDArray, float]]  # sound (n, m) -> azimuths (rad) of mirror images, and confidence
 
@@ -110,7 +110,7 @@ def methods(rig: Rig) -> dict[str, Locate]:
     return {
         'no recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'])),
         'recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
-        'recording, phat': _ours(Localizer(rig.array, RATE, SETTINGS['phat'], rig.recording)),
+        'recording, music': _ours(Localizer(rig.array, RATE, SETTINGS['music'], rig.recording)),
         'SRP-PHAT': lambda sound: (_images(rig.array, of_library('SRP', sound, rig.array, RATE)), 0.0),
         'MUSIC': lambda sound: (_images(rig.array, of_library('MUSIC', sound, rig.array, RATE)), 0.0),
         'whitened SRP': lambda sound: (_images(rig.array, _azimuth(whitened.direction(sound))), 0.0)}
@@ -142,7 +142,8 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
     """
     drones = [source for name, source in sources.items() if name != 'flat noise']
     for microphones, levels in LEVELS_DB.items():
-        equipped = [(rig, methods(rig)) for rig in (Rig(ARRAYS[microphones], seed) for seed in range(rigs))]
+        array = next(array for array in ARRAYS if array.channels == microphones)
+        equipped = [(rig, methods(rig)) for rig in (Rig(array, seed) for seed in range(rigs))]
         for level_db in levels:
             rng, wrong, confident = np.random.default_rng(81), dict[str, list[bool]](), dict[str, list[bool]]()
             for k in range(count):
