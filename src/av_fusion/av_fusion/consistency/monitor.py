@@ -96,12 +96,11 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
     """
     sigmas = {index: part.sigma for index, part in PARAMETERS.items() if is_pair or not part.for_pair}
     signs = [sign for sign, part in SIGNS.items() if is_pair or not part.for_pair]
-    turns = QUARTERS if is_pair else ()
+    mounted = [((), turned) for turned in QUARTERS] + [((SWAPPED,), 0.0)] if is_pair else []
     return (Hypothesis(DESCRIBED),
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
-            *(Hypothesis(TWO, (), {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for turned in turns),
-            *(Hypothesis(TWO, (sign,), {CAMERA_YAW: sigmas[CAMERA_YAW]}) for sign in signs if sign == SWAPPED),
+            *(Hypothesis(TWO, swapped, {CAMERA_YAW: sigmas[CAMERA_YAW]}, turned) for swapped, turned in mounted),
             *(Hypothesis(TWO, both) for both in combinations(signs, 2) if not set(both) <= set(IMAGES)))
 
 
