@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.angles import angles_to_direction, wrap
+from av_common.angles import angles_to_direction, direction_to_angles, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, WINDOW_S
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, WINDOW_S
 from av_evaluation.hearing.peers import C, Srp, azimuths, of_library
 from av_evaluation.hearing.reach import ARRAYS
-from av_evaluation.hearing.signals import RATE, Source, band_power
+from av_evaluation.hearing.signals import RATE, Source, delayed, scaled
 from av_simulator.sound.rotor import RotorSignal
 
 RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
@@ -25,7 +25,6 @@ JITTER = 0.015  # of the speeds
 BLADES = 2
 ROTORS = 0.18 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) + np.array([0.0, 0.0, -0.06])  # m, from the array
 WIND_DB = -10.0  # noise that microphones do not share, over the target
-FAR_OFF_RAD = np.radians(20.0)
 # Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.
 LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
 LEVELS_DB = {2: (0.0, 10.0, 15.0, 20.0), 8: (10.0, 20.0, 30.0)}
@@ -70,8 +69,7 @@ def _heard(array: MicrophoneArray, place: NDArray, speed_hz: float, key: list[in
     rotor, count = RotorSignal(rotor_hz=[speed_hz], blades=BLADES, jitter=JITTER), round((RECORDING_S + LATER_S) * RATE)
     emitted = rotor.stream(RATE, key, lambda times: np.zeros((len(times), 3))).read(0, count)
     ranges = np.linalg.norm(array.positions - place, axis=1)
-    delays = np.exp(-2j * np.pi * np.outer(ranges / C, np.fft.rfftfreq(count, 1.0 / RATE)))
-    return np.asarray(np.fft.irfft(np.fft.rfft(emitted) * delays / ranges[:, None], count, axis=1).T)
+    return delayed(np.fft.rfft(emitted), np.fft.rfftfreq(count, 1.0 / RATE), ranges / C, count, count) / ranges
 
 
 class Window(NamedTuple):
@@ -92,12 +90,9 @@ def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:
     """
     azimuth = float(rng.uniform(-np.pi, np.pi))
     target = source(rng, WINDOW_S, -rig.array.positions @ angles_to_direction(azimuth) / C)
-    own = rig.noise(rng, len(target))
-    wind = rng.normal(size=target.shape)
-    power = band_power(target[:, 0])
-    for noise, over_db in ((own, level_db), (wind, WIND_DB)):
-        target = target + noise * np.sqrt(power / band_power(noise[:, 0]) * 10.0 ** (over_db / 10.0))
-    return Window((0.1 * target / target.std()).astype(np.float32), azimuth)
+    own, wind = rig.noise(rng, len(target)), rng.normal(size=target.shape)
+    sound = target + scaled(own, target, level_db) + scaled(wind, target, WIND_DB)
+    return Window((0.1 * sound / sound.std()).astype(np.float32), azimuth)
 
 
 def methods(rig: Rig) -> dict[str, Locate]:
@@ -113,7 +108,7 @@ def methods(rig: Rig) -> dict[str, Locate]:
         'recording, music': _ours(Localizer(rig.array, RATE, SETTINGS['music'], rig.recording)),
         'SRP-PHAT': lambda sound: (_images(rig.array, of_library('SRP', sound, rig.array, RATE)), 0.0),
         'MUSIC': lambda sound: (_images(rig.array, of_library('MUSIC', sound, rig.array, RATE)), 0.0),
-        'whitened SRP': lambda sound: (_images(rig.array, _azimuth(whitened.direction(sound))), 0.0)}
+        'whitened SRP': lambda sound: (_images(rig.array, float(direction_to_angles(whitened.direction(sound))[0])), 0.0)}
 
 
 def _ours(localizer: Localizer) -> Locate:
@@ -122,10 +117,6 @@ def _ours(localizer: Localizer) -> Locate:
         return estimate.azimuth, float(np.max(estimate.confidence, initial=0.0))
 
     return locate
-
-
-def _azimuth(direction: NDArray) -> float:
-    return float(np.arctan2(direction[1], direction[0]))
 
 
 def _images(array: MicrophoneArray, azimuth: float) -> NDArray:
@@ -151,7 +142,7 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
                 heard = window(rng, rig, drones[rng.integers(len(drones))], level_db)
                 for name, locate in known.items():
                     azimuths, confidence = locate(heard.sound)
-                    far = bool(np.min(np.abs(wrap(azimuths - heard.azimuth)), initial=np.inf) > FAR_OFF_RAD)
+                    far = bool(np.min(np.abs(wrap(azimuths - heard.azimuth)), initial=np.inf) > np.radians(FAR_OFF_DEG))
                     wrong.setdefault(name, []).append(far)
                     confident.setdefault(name, []).append(far and confidence >= CONFIDENCE_THRESHOLD)
             for name, far_off in wrong.items():

@@ -30,13 +30,14 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import read_sound
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
+from av_common.frames import rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG
 from av_evaluation.hearing.peers import Srp
 
 FRAME_S, HOP_S = 0.5, 0.25  # of the competition
-HIT_DEG, FAR_OFF_DEG = 10.0, 20.0  # the first is that of the competition
+HIT_DEG = 10.0  # of the competition
 SETTINGS = LocalizerSettings(window_s=FRAME_S, hop_s=FRAME_S, elevation_deg=(-90.0, 90.0))
 GRID_STEP = 3.0  # deg, of the directions of SRP
 
@@ -132,8 +133,7 @@ def flying_arrays(folder: Path, turn_deg: float, most: int) -> Iterator[Figure]:
     if not frames:
         raise FileNotFoundError(f'{folder} has no recording with the direction of its source')
     frames = frames[::max(1, len(frames) // most)]
-    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    turned = MicrophoneArray(array.positions @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), array.name)
+    turned = MicrophoneArray(array.positions @ rotation_from_rpy(0.0, 0.0, np.radians(turn_deg)).T, array.name)
     alone, rate = read_alone(folder), frames[0].rate
     angles = np.meshgrid(np.arange(-180.0, 180.0, GRID_STEP), np.arange(-90.0, 90.1, GRID_STEP))
     grid = angles_to_direction(*np.radians(angles)).reshape(-1, 3)

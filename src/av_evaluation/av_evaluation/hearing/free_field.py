@@ -30,6 +30,7 @@ PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_micro
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
 C = speed_of_sound(20.0)
 WINDOW_S = 0.5
+FAR_OFF_DEG = 20.0
 CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
 SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
 APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false

@@ -11,7 +11,7 @@ from scipy import signal
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.angles import wrap
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, azimuth_error, rms
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, azimuth_error, rms
 from av_evaluation.hearing.peers import gcc_phat, of_library
 from av_evaluation.hearing.places import (
     Field,
@@ -27,7 +27,6 @@ from av_evaluation.hearing.places import (
 from av_evaluation.hearing.signals import RATE, Source, load_clip
 
 ROOMS = 100
-FAR_OFF_DEG = 20.0
 # The default may be worse than the best of the others by this factor.
 MARGIN = 1.05
 SETTINGS = {

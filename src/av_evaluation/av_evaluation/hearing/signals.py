@@ -30,7 +30,7 @@ def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, 
     frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
     inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
     spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
-    return _delayed(spectrum / np.maximum(frequencies, 1.0) ** slope, frequencies, delays, count)
+    return delayed(spectrum / np.maximum(frequencies, 1.0) ** slope, frequencies, delays, count)
 
 
 def comb(rng: Generator, seconds: float, delays: NDArray, fundamental_hz: float) -> NDArray:
@@ -61,7 +61,7 @@ def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) 
     frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
     inside = (frequencies > 100.0) & (frequencies < 6000.0)
     spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
-    broadband = _delayed(spectrum / np.sqrt(np.maximum(frequencies, 1.0)), frequencies, delays, count)
+    broadband = delayed(spectrum / np.sqrt(np.maximum(frequencies, 1.0)), frequencies, delays, count)
     return tones / tones[:, 0].std() + 10.0**-0.5 * broadband / broadband[:, 0].std()
 
 
@@ -78,7 +78,7 @@ def recordings(folder: Path) -> Source:
         start = rng.integers(len(clip) - count - 2 * pad)
         part = clip[start:start + count + 2 * pad]
         frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
-        return _delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
+        return delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
 
     return excerpt
 
@@ -90,7 +90,7 @@ def simulated(sound: SourceSignal) -> Source:
         stream = sound.stream(RATE, [int(rng.integers(1000))], lambda times: np.zeros((len(times), 3)))
         part = stream.read(start, start + count + 2 * pad)
         frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
-        return _delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
+        return delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
 
     return excerpt
 
@@ -104,10 +104,18 @@ def load_clip(path: Path) -> NDArray:
 
 def add_noise(rng: Generator, sound: NDArray, snr_db: float) -> NDArray:
     """Sound (n, m) with white noise, independent in each channel, at a signal-to-noise ratio inside BAND_HZ."""
-    noise = rng.normal(size=sound.shape)
-    gain = np.sqrt(band_power(sound[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (-snr_db / 10.0))
-    mixed = sound + gain * noise
+    mixed = sound + scaled(rng.normal(size=sound.shape), sound, -snr_db)
     return 0.2 * mixed / mixed.std()
+
+
+def scaled(noise: NDArray, sound: NDArray, over_db: float) -> NDArray:
+    """Noise of a level relative to a sound, inside BAND_HZ at the first microphone.
+
+    Parameters:
+        noise (n, m), sound (n, m): samples.
+        over_db (dB): level of the result over the sound.
+    """
+    return noise * np.sqrt(band_power(sound[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (over_db / 10.0))
 
 
 def band_power(samples: NDArray) -> float:
@@ -117,6 +125,13 @@ def band_power(samples: NDArray) -> float:
     return float(np.mean(np.abs(np.fft.rfft(samples)[inside]) ** 2))
 
 
-def _delayed(spectrum: NDArray, frequencies: NDArray, delays: NDArray, count: int, period: int | None = None) -> NDArray:
+def delayed(spectrum: NDArray, frequencies: NDArray, delays: NDArray, count: int, period: int | None = None) -> NDArray:
+    """Sound (count, m) of a spectrum (k,) at frequencies (k,) in Hz, after delays (m,) in s.
+
+    Parameters:
+        spectrum (k,), frequencies (k,) (Hz), delays (m,) (s): see above.
+        count: number of samples.
+        period: number of samples after which the sound repeats; twice `count` where None.
+    """
     turned = spectrum * np.exp(-2j * np.pi * np.outer(delays, frequencies))
     return np.fft.irfft(turned, period or 2 * count, axis=1)[:, :count].T

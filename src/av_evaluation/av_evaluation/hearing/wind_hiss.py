@@ -11,16 +11,15 @@ from av_audio.drone_classifier import DroneClassifier, load_model
 from av_audio.localizer import Localizer
 from av_common.angles import angles_to_direction, wrap
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, PAIR, SETTINGS, WINDOW_S, C
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, PAIR, SETTINGS, WINDOW_S, C
 from av_evaluation.hearing.peers import gcc_phat, of_library
-from av_evaluation.hearing.signals import RATE, Source, add_noise, band_power, comb, flat, simulated
+from av_evaluation.hearing.signals import RATE, Source, add_noise, comb, flat, scaled, simulated
 from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
 from av_simulator.sound.noise import Wind
 
 WIND_DB = (0.0, 5.0, 10.0, 20.0)  # over the drone, from 200 to 4000 Hz
 GALE = Wind((8.0, 0.0, 0.0))
 POOL_S, HEARD_S = 20.0, 1.2
-FAR_OFF_DEG = 20.0
 WHOLE_HZ = (50.0, 16_000.0)
 OTHERS: dict[str, Source] = {
     **{f'{name} noise': partial(flat, band_hz=WHOLE_HZ, slope=slope)
@@ -45,9 +44,7 @@ def wind(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
             azimuth = float(rng.uniform(-np.pi, np.pi))
             sound = drones[rng.integers(len(drones))](rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
             start = int(rng.integers(len(gusts) - len(sound)))
-            gust = gusts[start:start + len(sound)]
-            sound = sound + gust * np.sqrt(band_power(sound[:, 0]) / band_power(gust[:, 0]) * 10.0 ** (over_db / 10.0))
-            sound = add_noise(rng, sound, 30.0)
+            sound = add_noise(rng, sound + scaled(gusts[start:start + len(sound)], sound, over_db), 30.0)
             estimate, = localizer.process(sound, localizer.next_sample)
             passed.append(bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD)))
             truth = np.arcsin(np.sin(azimuth))
