@@ -9,7 +9,6 @@ from typing import Any
 from av_common.rig import GimbalMount
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.gated.tracker import GatedSettings, GatedTracker
 from av_fusion.gimbal_stage import JointNames
 from av_fusion.identity.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.methods import TRACKERS
@@ -53,21 +52,18 @@ def check_sense(p: Any) -> None:
 
 
 def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
-    """The suite's filter, or the published switch. See `make_tracker`.
+    """The suite's filter. See `make_tracker`.
 
     Parameters:
         parameters, gimbal: as for `make_tracker`.
     """
     p = parameters
-    machine = MachineSettings(p.tau)
-    delays = {'sound_delay': p.sound_delay, 'sight_delay': p.sight_delay}
-    if p.method == 'gated':
-        return GatedTracker(GatedSettings(machine=machine, **delays))
     return MultiTargetTracker(TrackerSettings(
         FilterSettings(confirm_threshold=p.confirm_threshold, detection_probability=p.detection_probability,
                        assumed_visibility=p.assumed_visibility),
-        machine, RotationSettings(enabled=p.rotation), SelfCalibrationSettings(p.self_calibration), p.follow_threshold,
-        p.policy, gimbal=gimbal, visits=p.visits, types=types_of(p.types), **delays))
+        MachineSettings(p.tau), RotationSettings(enabled=p.rotation), SelfCalibrationSettings(p.self_calibration),
+        p.follow_threshold, p.policy, gimbal=gimbal, visits=p.visits, types=types_of(p.types), sound_delay=p.sound_delay,
+        sight_delay=p.sight_delay))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:

@@ -20,7 +20,7 @@ from av_common.angles import wrap
 from av_common.rig import GimbalMount, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.gated.tracker import GatedSettings, GatedTracker
+from av_fusion.gated.tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
@@ -104,7 +104,7 @@ def scenario_of(start: Start, fog: float = DENSE) -> Scenario:
 def tracker_of(method: str, gimbal: GimbalMount | None = None) -> MultiTargetTracker | GatedTracker:
     """The tracker of one of METHODS, on a rig with a gimbal or without one."""
     if method == 'published':
-        return GatedTracker(GatedSettings())
+        return GatedTracker()
     rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
     return MultiTargetTracker(TrackerSettings(rotation=rotation, gimbal=gimbal))
 

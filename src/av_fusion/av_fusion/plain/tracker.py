@@ -12,7 +12,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner, RotationSettings
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
-FORGET_S = 3.0  # as `GatedSettings.memory`: without a measurement for so long, there is no track
+FORGET_S = 3.0  # without a measurement for so long, there is no track
 
 
 class PlainTracker:
