@@ -1,4 +1,4 @@
-"""Fit what the next box of a track is like (`av_vision.continuation`) to labelled objects of the clips, and print it.
+"""Fit what the next box of a track is like (`av_vision.tracking`) to labelled objects of the clips, and print it.
 
 `python continued.py MODEL.onnx --data DRONE_DETECTION [--every 5]` shows the detector the clips as a rig does. A box that hits
 the labelled object after one that did continues its track; all others are of other things.

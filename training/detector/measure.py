@@ -17,7 +17,7 @@ from av_vision.detections import Candidates
 from av_vision.search import RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
-from av_vision.yolo.region import Region
+from av_vision.yolo.letterbox import Region
 
 BANDS = ((5, 8), (8, 12), (12, 20), (20, 40), (40, 80), (80, 160), (160, 300))  # sizes of drones in pixels
 Row = tuple[str, str, str]  # of the table: what, the aim, the figure

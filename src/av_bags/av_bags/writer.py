@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 import yaml
+from mcap.data_stream import RecordBuilder
+from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v8
 
-from av_bags.chunk_indexes import ChunkIndexes
 from av_bags.definitions import definition
 from av_bags.errors import BagError
-from av_bags.retrying_file import RetryingFile
+from av_bags.retrying_file import RetryingFile, UnnamedFile
 
 COMPRESSIONS = ('none', 'lz4', 'zstd')
 CHUNK_BYTES = 512 * 1024
@@ -21,6 +23,48 @@ _EVER = QosTime(9223372036, 854775807)
 DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.VOLATILE, _EVER, _EVER,
                   QosLiveliness.AUTOMATIC, _EVER, False)
 LATCHED = DEFAULT_QOS._replace(durability=QosDurability.TRANSIENT_LOCAL)
+COMMIT_BYTES = 64 * 1024
+
+
+class _Records:
+    """Serialised records, with the method of a record that `mcap.writer.Writer.finish` calls."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def write(self, builder: RecordBuilder) -> None:
+        builder.write(self._data)
+
+
+class ChunkIndexes:
+    """Takes the place of the list in which `mcap.writer.Writer` collects a `ChunkIndex` of 2 kB for every chunk.
+
+    The records wait in a file without a name, written as in the bag. While the disk refuses them, they wait in memory.
+
+    Parameters:
+        folder: of the bag.
+
+    Raises OSError where no file can be created.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = UnnamedFile(folder)
+
+    def append(self, index: ChunkIndex) -> None:
+        """Add the index of a chunk."""
+        builder = RecordBuilder()
+        index.write(builder)
+        self._file.write(builder.end())
+        if self._file.waiting >= COMMIT_BYTES:
+            with suppress(OSError):
+                self._file.commit()
+
+    def __iter__(self) -> Iterator[_Records]:
+        yield _Records(self._file.content())
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
 
 
 class BagWriter(AbstractContextManager['BagWriter']):

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 
 from av_common.stamps import to_stamp
 from av_evaluation.attack.judges import BearingCheck, CommandJudge, CommandLimits, Findings
-from av_evaluation.attack.program import IN_TIME, Result, verdicts
+from av_evaluation.cli.attack import IN_TIME, Result, verdicts
 from av_evaluation.processes import MarkedProcesses, slowdown
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Command, Mode, PointingSettings

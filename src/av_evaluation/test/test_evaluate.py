@@ -15,7 +15,7 @@ from av_evaluation.cli.evaluate import main
 from av_evaluation.metrics.comparison import SigmaFigures, sigma_by_sensor
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
 from av_evaluation.report.page import Page
-from av_evaluation.runs import schedule
+from av_evaluation.runs import program
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.runs import run_case
 
@@ -37,7 +37,7 @@ def one_process(monkeypatch):
 
         def shutdown(self, **_):
             pass
-    monkeypatch.setattr(schedule, 'ProcessPoolExecutor', lambda *_: Pool())
+    monkeypatch.setattr(program, 'ProcessPoolExecutor', lambda *_: Pool())
 
 
 def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypatch, capsys):
@@ -64,7 +64,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     assert len(list((out / 'runs').glob('*.npz'))) == 2
 
     (tmp_path / 'bags' / 'broken.mcap').unlink()
-    monkeypatch.setattr(schedule, 'run_case', lambda case: pytest.fail(f'{case.name} was computed again'))
+    monkeypatch.setattr(program, 'run_case', lambda case: pytest.fail(f'{case.name} was computed again'))
     assert main(command) == 0
     assert json.loads((out / 'metrics.json').read_text()) == metrics
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from av_evaluation.attack import fuzz
-from av_evaluation.attack.fuzz import faults
+from av_evaluation.cli import fuzz
+from av_evaluation.cli.fuzz import faults
 
 pytestmark = pytest.mark.filterwarnings('ignore:.*:RuntimeWarning')    # of absurd numbers
 

@@ -11,7 +11,7 @@ import pytest
 from av_evaluation.network import cases, flights
 from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, position_bound, run
 from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel
-from av_network.report import Report, Sighting
+from av_network.observation import Report, Sighting
 
 
 def test_bound_of_two_crossing_directions_by_hand():

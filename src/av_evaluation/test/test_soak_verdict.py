@@ -2,8 +2,8 @@
 
 import pytest
 
+from av_evaluation.cli.soak import Limits, ProcessHistory, format_histories, lasting, save_histories
 from av_evaluation.processes import ProcessSample
-from av_evaluation.soak import Limits, ProcessHistory, format_histories, lasting, save_histories
 
 LIMITS = Limits(settle=300.0, growth=5.0)
 END = 3600.0

@@ -6,7 +6,6 @@ __all__, __getattr__ = exports(__name__, {
     'settings': 'NetworkSettings RigSettings',
     'stage': 'NetworkStage NetworkStageSettings RigPlace',
     'tracker': 'NetworkTracker',
-    'observation': 'Observation',
-    'report': 'Report Sighting',
+    'observation': 'Observation Report Sighting',
     'network_target': 'TargetState',
 })

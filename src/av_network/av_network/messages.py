@@ -15,7 +15,7 @@ from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
 from av_network.network_target import TargetState
-from av_network.report import Report, Sighting
+from av_network.observation import Report, Sighting
 
 MOST_TRACKS = 50  # of one rig: its filter has no more
 LEAST_EXISTENCE = 0.5  # of a rig's target

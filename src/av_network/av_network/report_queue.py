@@ -6,7 +6,7 @@ import heapq
 import math
 from collections.abc import Iterator
 
-from av_network.report import Report
+from av_network.observation import Report
 
 AWAKE_S = 2.0  # since a rig's newest capture, for which the next one is waited for: some of its reports may be lost
 

@@ -16,13 +16,12 @@ from av_common.frames import MAP_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
-from av_network.geodesy import Datum, to_enu
 from av_network.hypothesis_filter import largest_sigmas
 from av_network.messages import PUBLISHED, check_age, check_version, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
-from av_network.report import Report
+from av_network.observation import Report
 from av_network.report_queue import ReportQueue
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import Datum, NetworkSettings, RigSettings, to_enu
 from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()

@@ -14,10 +14,9 @@ from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_
 from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
-from av_network.observation import Observation
+from av_network.observation import Observation, Report
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, Pairing
-from av_network.report import Report
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.trust import RigTrust

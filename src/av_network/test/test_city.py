@@ -15,8 +15,7 @@ from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
-from av_network.city.cell import NAMES, Cell, all_cells
-from av_network.city.grid import Grid
+from av_network.city.cell import NAMES, Cell, Grid, all_cells
 from av_network.city.world import Names, World
 
 GRID = Grid(2, 100.0, 100.0)

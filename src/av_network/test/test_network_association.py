@@ -7,10 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from av_network.observation import Observation, RigState
+from av_network.observation import Observation, Report, RigState, Sighting
 from av_network.packing import best_packing, log_odds
 from av_network.pairing import Lines, lines_of, meetings, supports
-from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
 from av_network.trust import RigTrust
 

@@ -14,8 +14,7 @@ from av_network.hypothesis_filter import HypothesisFilter
 from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.motion_model import usual_modes
-from av_network.observation import Observation, RigState
-from av_network.report import Sighting
+from av_network.observation import Observation, RigState, Sighting
 from av_network.settings import Mode, NetworkSettings
 
 SOUND = 343.2

@@ -12,8 +12,7 @@ from av_network.hypothesis_filter import HypothesisFilter
 from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import LoneTrack
 from av_network.network_target import Member, NetworkTarget
-from av_network.observation import Observation, RigState
-from av_network.report import Sighting
+from av_network.observation import Observation, RigState, Sighting
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
 

@@ -12,9 +12,8 @@ from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
-from av_network.geodesy import Datum, to_enu
 from av_network.messages import version_of
-from av_network.settings import RigSettings
+from av_network.settings import Datum, RigSettings, to_enu
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
 
 PLACES = {'left': np.array([-20.0, 0.0, 1.5]), 'right': np.array([20.0, 0.0, 1.5]), 'third': np.array([0.0, 20.0, 1.5])}

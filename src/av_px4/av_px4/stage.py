@@ -24,8 +24,7 @@ from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import Configure, ExternalMode, Register, Registration
 from av_px4.frames import Pose, pose_from_px4
-from av_px4.gimbal import Gimbal, GimbalInputs
-from av_px4.gimbal_feedback import GimbalFeedback
+from av_px4.gimbal import Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
     BEARING_TIMEOUT,

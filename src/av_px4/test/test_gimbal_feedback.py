@@ -13,7 +13,7 @@ from av_common.angles import angles_to_direction
 from av_common.frames import attitude_ned_to_enu, attitude_of
 from av_common.stamps import to_seconds
 from av_interfaces.msg import GimbalState
-from av_px4.gimbal_feedback import YAW_IN_EARTH_FRAME, YAW_IN_VEHICLE_FRAME, YAW_LOCK, GimbalFeedback
+from av_px4.gimbal import YAW_IN_EARTH_FRAME, YAW_IN_VEHICLE_FRAME, YAW_LOCK, GimbalFeedback
 
 HEADING, PITCH, ROLL = np.radians([130.0, 15.0, -20.0])
 VEHICLE = euler2quat(ROLL, PITCH, HEADING, 'sxyz')  # FRD to NED

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
+from av_px4.layouts import SILENT_S, mismatch, offered_versions, version_of
 
 NAMES = ('/fmu/out/vehicle_status_v1', '/fmu/out/vehicle_status_v1_extra', '/fmu/out/vehicle_status_flags',
          '/fmu/out/vehicle_attitude', '/fmu/out/vehicle_local_position', '/fmu/out/vehicle_local_position_v1')

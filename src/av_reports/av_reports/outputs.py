@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Protocol
 
 from av_reports.cot.connection import CotAddress, check_address, connect, load_pytak
-from av_reports.cot.settings import CotSettings
 from av_reports.cot.stage import CotStage
 from av_reports.link import Link
+from av_reports.settings import CotSettings
 from av_reports.stage import Situation
 from av_reports.track_log import TrackLog
 

@@ -3,19 +3,73 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from av_common.files import ros_home
 from av_reports.contacts import Place, Selection
 from av_reports.cot.connection import CotAddress, check_address
-from av_reports.cot.settings import CotSettings
 from av_reports.identifiers import is_uuid, kept_uuid
-from av_reports.peer import parse_peer
-from av_reports.sapient.settings import SapientSettings
+from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
 
 SURVEYED_SIGMA_M = 5.0  # of a place along each axis, as a map or a receiver without corrections gives it
+CLASSES = {  # of this suite: class and sub-class of the standard's taxonomy
+    'drone': ('Air Vehicle', 'UAV Rotary Wing'), 'airplane': ('Air Vehicle', 'Manned Fixed Wing'),
+    'helicopter': ('Air Vehicle', 'Manned Rotary Wing'), 'bird': ('Animal', 'Bird'),
+}
+UNKNOWN_CLASS = 'Unknown'
+
+
+@dataclass(frozen=True)
+class CotSettings:
+    """Settings of the events.
+
+    Parameters:
+        uid: names this rig; the uid of each target begins with it.
+        callsign: what users of TAK read beside the rig's marker.
+        target_type: type of targets with a position, such as a-u-A-M-H-Q: unknown, air, military, rotary wing, drone.
+        rig_type: type of the rig's own marker, such as a-f-G-E-S: friendly, ground, equipment, sensor.
+        stale (s): time after which an event of a target is no longer shown.
+        rig_stale (s): the same of the rig's own marker.
+        interval (s): time between two events of a target.
+        sensor_range (m): length of a drawn bearing; that of the target is not known.
+    """
+
+    uid: str
+    callsign: str = 'rig'
+    target_type: str = 'a-u-A-M-H-Q'
+    rig_type: str = 'a-f-G-E-S'
+    stale: float = 10.0
+    rig_stale: float = 120.0
+    interval: float = 1.0
+    sensor_range: float = 500.0
+
+
+@dataclass(frozen=True)
+class SapientSettings:
+    """Settings of a node of SAPIENT.
+
+    Parameters:
+        node_id: UUID that names this node to its fusion node.
+        name: how users call it.
+        positions: it reports positions of a network of rigs; otherwise bearings of a single rig.
+        north: its bearings count from true north; otherwise from the rig's forward direction.
+        status_interval (s): time between status reports.
+        rate (Hz): most reports of an object a second.
+        obey_tasks: tasks of the fusion node are obeyed; otherwise all are refused.
+        software_version: of this suite.
+    """
+
+    node_id: str
+    name: str = 'audio-visual rig'
+    positions: bool = False
+    north: bool = True
+    status_interval: float = 10.0
+    rate: float = 2.0
+    obey_tasks: bool = False
+    software_version: str = ''
 
 
 def report_settings(values: Any) -> ReportSettings:

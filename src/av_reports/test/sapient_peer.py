@@ -11,7 +11,7 @@ from wire_decoder import fields
 
 from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import SapientMessage, Task
-from av_reports.sapient.settings import SapientSettings
+from av_reports.settings import SapientSettings
 
 START_S = 180.0  # of a rig on a busy machine
 NODE, FUSION_NODE = '6ba7b810-9dad-41d1-80b4-00c04fd430c8', '0f0e0d0c-0b0a-4908-8706-050403020100'

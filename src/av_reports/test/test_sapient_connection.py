@@ -18,11 +18,10 @@ from sapient_peer import NODE, acknowledgement, task
 from wire_decoder import dig, fields
 
 from av_reports import link as link_module
-from av_reports.link import Link
-from av_reports.peer import parse_peer
+from av_reports.link import Link, parse_peer
 from av_reports.sapient.connection import LARGEST_RECEIVED, connect
-from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import SapientStage
+from av_reports.settings import SapientSettings
 
 pytestmark = pytest.mark.system
 

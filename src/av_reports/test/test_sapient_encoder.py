@@ -17,8 +17,8 @@ from av_reports.identifiers import is_ulid, new_ulid
 from av_reports.sapient.encoder import bearing_report, envelope, position_report, status_report, task_ack
 from av_reports.sapient.protocol import TaskAck
 from av_reports.sapient.registration import registration_message
-from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.validation import faults
+from av_reports.settings import SapientSettings
 
 DEGREES_M, TRUE_NORTH, PLATFORM = 1, 1, 4          # RangeBearing
 LAT_LNG_DEG_M, WGS84_ELLIPSOID = 1, 1              # Location

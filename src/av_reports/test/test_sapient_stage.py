@@ -15,9 +15,9 @@ from av_reports.contacts import Place
 from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
 from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
 from av_reports.sapient.registration import registration_message
-from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, Health, SapientStage
 from av_reports.sapient.tasks import LONGEST_S
+from av_reports.settings import SapientSettings
 from av_reports.tasking import Follow, LookAt, Stop
 
 PLACE = Place(51.5, -0.12, 30.0)

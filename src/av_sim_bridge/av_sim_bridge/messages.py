@@ -21,7 +21,7 @@ from av_sim_bridge.wire.error import FARTHEST_M, check_within
 from av_sim_bridge.wire.gimbal import GimbalSample
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
-from av_vision.encoded_image import MOST_PIXELS, decode_image
+from av_vision.image import MOST_PIXELS, decode_image
 from av_vision.messages import detections_message
 
 

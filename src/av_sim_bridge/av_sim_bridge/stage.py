@@ -40,7 +40,7 @@ from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import check_truth, encode_truth
-from av_vision.encoded_image import decode_image
+from av_vision.image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing

@@ -6,9 +6,8 @@ import time
 
 import pytest
 
-from av_sim_bridge.receiving.consumer import Consumer
+from av_sim_bridge.receiving.consumer import Consumer, Worker
 from av_sim_bridge.receiving.receiver import Receiver, open_port
-from av_sim_bridge.receiving.worker import Worker
 
 PATIENCE = 60.0    # s
 

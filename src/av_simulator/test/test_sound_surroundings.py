@@ -18,9 +18,9 @@ from av_simulator.sound import (
     ToneSignal,
     Trunk,
 )
-from av_simulator.sound.diffraction import edge_loss_db, occlusion
 from av_simulator.sound.ground import FLOW_RESISTIVITY, miki_impedance
 from av_simulator.sound.obstacles import detours
+from av_simulator.sound.rays import edge_loss_db, occlusion
 
 RATE = 16000
 C = Medium().speed_of_sound

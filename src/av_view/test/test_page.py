@@ -11,8 +11,8 @@ pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from browser import Browser, find_browser
 
 from av_view.access import Access
+from av_view.feed import row_of
 from av_view.rig_state import RigState
-from av_view.rows import row_of
 from av_view.server import ViewServer
 
 pytestmark = [pytest.mark.system,

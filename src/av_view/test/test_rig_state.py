@@ -13,8 +13,8 @@ from vision_msgs.msg import Detection2DArray
 from av_common.stamps import to_stamp
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
+from av_view.feed import COLUMNS, row_of
 from av_view.rig_state import RigState
-from av_view.rows import COLUMNS, row_of
 
 
 def test_without_messages_everything_is_unknown():

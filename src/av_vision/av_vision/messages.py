@@ -22,7 +22,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from av_common.camera import LENS_MODELS, PinholeCamera
 from av_interfaces.msg import Visibility as VisibilityMessage
 from av_vision.detections import Detections
-from av_vision.encoded_image import MOST_PIXELS, check_pixels, decode_image
+from av_vision.image import MOST_PIXELS, check_pixels, decode_image
 
 if TYPE_CHECKING:    # what computes them takes a while to import
     from av_vision.visibility import Visibility

@@ -15,7 +15,7 @@ from av_common.methods import Methods
 from av_vision.detections import Candidates
 from av_vision.image import to_bgr8
 from av_vision.yolo.detector import Detector, DetectorSettings
-from av_vision.yolo.region import Region
+from av_vision.yolo.letterbox import Region
 
 DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:own_detector'})
 # Boxes (n, 4) as x1, y1, x2, y2 in pixels and scores (n,) of 0 to 1, of an image (height, width, 3), BGR.

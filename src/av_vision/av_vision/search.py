@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.yolo.region import Region
-from av_vision.yolo.slicing import tile_corners
+from av_vision.yolo.letterbox import Region, tile_corners
 
 CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
 OVERLAP = 0.2                      # share of a tile that is common with its neighbour

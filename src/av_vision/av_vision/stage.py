@@ -18,14 +18,13 @@ from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
-from av_vision.encoded_image import MOST_PIXELS, check_pixels
-from av_vision.image import AutomaticGain
+from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.visibility_reporter import VisibilityReporter, VisibilitySettings
+from av_vision.visibility import VisibilityReporter, VisibilitySettings
 from av_vision.yolo import Detector, DetectorSettings
 
 BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells where to look

@@ -15,7 +15,7 @@ from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
 from av_vision.search import BearingCue, Cue, RegionPlanner
 from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
-from av_vision.yolo.region import Region
+from av_vision.yolo.letterbox import Region
 
 MOST_TRACKS = 4  # that are looked at for their own sake
 

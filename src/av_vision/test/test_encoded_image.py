@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from av_vision.encoded_image import decode_image, size_of
+from av_vision.image import decode_image, size_of
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (30, 44, 3), np.uint8)
 

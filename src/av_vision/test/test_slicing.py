@@ -6,8 +6,7 @@ import yolo_models
 
 from av_vision.models import shipped_model
 from av_vision.yolo import Detector, DetectorSettings
-from av_vision.yolo.region import Region
-from av_vision.yolo.slicing import tile_corners, whole_in_tile
+from av_vision.yolo.letterbox import Region, tile_corners, whole_in_tile
 
 
 @pytest.mark.parametrize(('width', 'height'), [(1280, 720), (1920, 1080), (700, 300)])

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from av_vision.sources import Capture, CapturedImage, SourceError
-from av_vision.sources.files import FileSource, Recording, image_files
-from av_vision.sources.image_file import IMAGE_SUFFIXES
+from av_vision.sources.files import IMAGE_SUFFIXES, FileSource, Recording, image_files
 from av_vision.sources.v4l2 import DeviceSource
 
 # Situations of users, which are not part of the repository.

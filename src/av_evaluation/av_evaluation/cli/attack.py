@@ -1,16 +1,370 @@
-"""ros2 run av_evaluation attack: hostile messages and signals against the running rig."""
+"""ros2 run av_evaluation attack: hostile messages and signals against the running rig.
+
+One attack after the other until the time is over, and the verdict on what must hold throughout.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import math
+import os
+import random
 import signal
+import sys
 import tempfile
-from collections.abc import Sequence
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass, field
+from itertools import count
 from pathlib import Path
 
-from av_evaluation.attack.program import Attack
+from av_evaluation.attack.judges import Findings
+from av_evaluation.attack.messages import connected
+from av_evaluation.attack.observer import Observer
+from av_evaluation.attack.worker import Worker, WorkerError
+from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
+SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
+MESSAGE_RATE = 30.0        # Hz, to each topic
+START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
+FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
+STOPPED_S = 2.0            # for which a process is stopped
+NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
+STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
+ANSWER_S = 30.0            # for which a worker may be late
+MOST_GROWTH = 20.0         # MiB, of a process over all attacks
+# Where nothing waits for a processor. What begins to hear again needs SOUND_S more on any machine: the newest second of sound
+# decides whether it is that of a drone.
+MOST_RESPAWN_S, MOST_RECOVERY_S, SOUND_S = 2.0, 1.0, 1.0
+OLD_S = 10.0               # age from which a process has all the memory that it needs
+NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
+COMMANDS = '/pointing/command'
+LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
+ARGUMENTS = ('scenario:=circle', 'oracle:=true')
+IN_TIME = 'tracking and processes are back in time'
+Memory = dict[int, tuple[str, ProcessSample]]
+
+
+@dataclass
+class Result:
+    """What one attack did.
+
+    Attributes:
+        name: of the attack, with the process that it concerns.
+        sent: number of messages by their topic.
+        deaths: processes that ended though nobody killed them.
+        found: commands that were bad, or moved what must not move.
+        ended (s): time of its end, of a kill that of the signal; None until then.
+        recovery (s): from the end until tracking was back; None where it did not come back.
+        most_recovery (s): that is permitted, on a machine on which nothing waits for a processor.
+        hearing (s): that is permitted in addition, on any machine.
+        respawn (s): from a kill until the process was back; inf where it was not.
+        slowdown: of the rig by other load, from the start of the attack until tracking was back.
+        meanwhile: bearings until then by what was wrong with them.
+        faults: further reasons why the attack succeeded.
+    """
+
+    name: str
+    sent: dict[str, int] = field(default_factory=dict)
+    deaths: list[str] = field(default_factory=list)
+    found: Findings = field(default_factory=Findings)
+    ended: float | None = None
+    recovery: float | None = None
+    most_recovery: float = MOST_RECOVERY_S
+    hearing: float = 0.0
+    respawn: float = 0.0
+    slowdown: float = 1.0
+    meanwhile: dict[str, int] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+    @property
+    def late(self) -> list[str]:
+        """What took longer than is permitted on a machine as slow as this one was."""
+        found = []
+        if self.respawn > MOST_RESPAWN_S * self.slowdown:
+            found.append(f'the process is back after {self.respawn:.1f} s')
+        if self.recovery is None:
+            found.append(f'tracking is not back {self.meanwhile}')
+        elif self.recovery > self.hearing + self.most_recovery * self.slowdown:
+            found.append(f'tracking is back after {self.recovery:.1f} s')
+        return [f'{one}, {self.slowdown:.1f} times slower than alone' for one in found]
+
+
+class Attack:
+    """The attacks on one rig, each a method that takes its result, and of some the name of a process.
+
+    Parameters:
+        options: `minutes` of all attacks, of which the first round has all kinds; `out`, the folder for what is written; names
+            of kinds (`only`), empty for all; `seed`; `port_offset` of the rig; further arguments (`launch`).
+    """
+
+    def __init__(self, options: Namespace) -> None:
+        self._options, self._random = options, random.Random(options.seed)
+        self._results: list[Result] = []
+        self._first: Memory = {}    # before the first attack on each process, and after the last
+        self._last: Memory = {}
+        self._killed: set[int] = set()
+        self._opened, self._launched = ExitStack(), ExitStack()
+        self.kinds: dict[str, Callable[[Result], None]] = {
+            'messages': self._messages, 'no inputs': self._no_inputs, 'disabled': self._disabled}
+        self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
+
+    def run(self) -> int:
+        """Attack, print and write the results; returns 1 where a verdict fails, 2 where the attack itself fails."""
+        options = self._options
+        options.out.mkdir(parents=True, exist_ok=True)
+        with self._opened:
+            try:
+                self._open()
+                if not self._tracks(time.time(), START_S):
+                    print(f'attack: the rig does not track without an attack, see {options.out / "rig.log"}', file=sys.stderr)
+                    return 2
+                print(f'topics: {" ".join(self._peer.call("find"))}', flush=True)
+                time.sleep(SETTLE_S)
+                for kind, name in self._plan():
+                    self._attack(kind, name)
+            except KeyboardInterrupt:
+                print('attack: interrupted', file=sys.stderr)
+            except WorkerError as error:
+                print(f'attack: {error}, see {options.out / "attack.log"}', file=sys.stderr)
+                return 2
+            return self._report()
+
+    def _open(self) -> None:
+        os.environ |= {'ROS_DOMAIN_ID': str(random.SystemRandom().randrange(1, 101)), 'CYCLONEDDS_URI': LOOPBACK_ONLY,
+                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self._bags = self._opened.enter_context(tempfile.TemporaryDirectory(prefix='attack_'))
+        self._opened.callback(self._launched.close)
+        self._launch()
+        self._observer = Observer()
+        self._opened.callback(self._observer.close)
+        self._peer = self._worker(connected)
+
+    def _launch(self) -> None:
+        """Start the rig, and end the one before with all its processes."""
+        self._launched.close()
+        options = self._options
+        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.launch)]
+        given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.port_offset}', *options.launch]
+        log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
+        self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
+
+    def _worker(self, make: Callable[[], object]) -> Worker:
+        worker = Worker(make, self._options.out / 'attack.log')
+        self._opened.callback(worker.close)
+        return worker
+
+    def _parts(self) -> dict[str, int]:
+        """Process ids of the rig's programs by name."""
+        return {name: number for number, name in self._rig.alive().items() if name.endswith('_node') or name == 'simulator'}
+
+    def _plan(self) -> Iterator[tuple[str, str]]:
+        """Kinds of attacks with the process that they concern, round after round until the time is over."""
+        kinds = [kind for kind in (*self.kinds, *self.process_kinds) if not self._options.only or kind in self._options.only]
+        self._begun, next_victims = time.monotonic(), dict[str, list[str]]()
+        for number in count():
+            for kind in kinds:
+                names = sorted(self._parts())
+                if not names or (number and time.monotonic() > self._begun + 60.0 * self._options.minutes):
+                    return    # the rig could not be started again, or the time is over
+                name = ''
+                if kind in self.process_kinds:
+                    left = [one for one in next_victims.get(kind, []) if one in names] or self._random.sample(names, len(names))
+                    name, *next_victims[kind] = left
+                yield kind, name
+
+    def _attack(self, kind: str, name: str) -> None:
+        with suppress(TimeoutError):
+            self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
+        result, before = Result(' '.join(filter(None, (kind, name)))), self._parts()
+        self._first = self._memory() | self._first
+        times = self._rig.run_times()
+        with self._observer.lock:
+            self._observer.commands.begin()
+        try:
+            if kind in self.kinds:
+                self.kinds[kind](result)
+            else:
+                self.process_kinds[kind](result, name)
+        except KeyError as error:
+            result.faults.append(f'{error} does not run')
+        self._judge(result)
+        result.slowdown = slowdown(times, self._rig.run_times())
+        self._last |= self._memory()
+        after = set(self._parts().values())
+        result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
+        self._results.append(result)
+        self._show(result)
+        if result.recovery is None or self._rig.process.poll() is not None:
+            self._launch()
+            self._tracks(time.time(), START_S)
+            self._observer.commands.forget()
+
+    def _judge(self, result: Result) -> None:
+        """Wait for tracking, and collect what was observed."""
+        result.ended = since = result.ended or time.time()
+        observer = self._observer
+        with observer.lock:
+            observer.bearings.forget_truth(since)
+        result.recovery = self._tracks(since, PATIENCE_S)
+        with observer.lock:
+            result.meanwhile = dict(observer.bearings.faults(since, since + (result.recovery or PATIENCE_S)))
+            result.found = observer.commands.findings
+
+    def _memory(self) -> Memory:
+        """Measurements of each process that need no more memory than it has."""
+        taken = {number: (name, sample(number)) for name, number in self._parts().items() if age_of(number) > OLD_S}
+        return {number: (name, one) for number, (name, one) in taken.items() if one is not None}
+
+    def _tracks(self, since: float, timeout: float) -> float | None:
+        """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
+        with suppress(TimeoutError):
+            self._wait(timeout, lambda: self._observer.bearings.recovered(since) is not None)
+        return self._observer.bearings.recovered(since)
+
+    def _wait(self, timeout: float, condition: Callable[[], bool]) -> None:
+        """Wait for what the observer sees. Raises TimeoutError after a time (s), or where the rig has ended."""
+        deadline = time.monotonic() + timeout
+        while True:
+            with self._observer.lock:
+                if condition():
+                    return
+            if time.monotonic() > deadline or self._rig.process.poll() is not None:
+                raise TimeoutError
+            time.sleep(0.1)
+
+    def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
+        """Attack the topics, with options of `Messages.attack`."""
+        result.sent = self._peer.call('attack', seconds + ANSWER_S, seconds=seconds, seed=self._random.randrange(2**31),
+                                      rate=MESSAGE_RATE, **options)
+
+    def _messages(self, result: Result) -> None:
+        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
+        result.hearing = SOUND_S
+        self._send(result, stale=False)
+
+    def _no_inputs(self, result: Result) -> None:
+        """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
+        result.hearing = SOUND_S
+        simulator = self._parts()['simulator']
+        os.kill(simulator, signal.SIGSTOP)
+        try:
+            self._forbid_motion()
+            self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
+        finally:
+            self._permit_motion()
+            try:
+                os.kill(simulator, signal.SIGCONT)
+            except ProcessLookupError:    # replaced, on a slow machine
+                self._killed.add(simulator)
+
+    def _disabled(self, result: Result) -> None:
+        """Pointing is disabled, and no message moves the rig, however genuine it looks."""
+        result.hearing = SOUND_S
+        if not self._peer.call('enable', enabled=False):
+            result.faults.append('pointing could not be disabled')
+            return
+        self._forbid_motion()
+        self._send(result, stale=False, spare=(COMMANDS,))
+        self._permit_motion()
+        if not self._peer.call('enable', enabled=True):
+            result.faults.append('pointing could not be enabled again')
+
+    def _forbid_motion(self) -> None:
+        with self._observer.lock:
+            self._observer.commands.begin(time.time() + STILL_AFTER_S)
+        time.sleep(STILL_AFTER_S)
+
+    def _permit_motion(self) -> None:
+        with self._observer.lock:
+            self._observer.commands.end(time.time())
+
+    def _kill(self, result: Result, name: str) -> None:
+        """A process is killed: it runs again within MOST_RESPAWN_S."""
+        result.hearing, result.most_recovery, number = SOUND_S, MOST_RESPAWN_S, self._parts()[name]
+        self._killed.add(number)
+        os.kill(number, signal.SIGKILL)
+        result.sent, result.ended = {f'SIGKILL to {name}': 1}, time.time()
+        if name == 'pointing_node':
+            self._observer.commands.forget()
+        result.respawn = math.inf
+        with suppress(TimeoutError):
+            self._wait(PATIENCE_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
+            result.respawn = time.time() - result.ended
+
+    def _stop(self, result: Result, name: str) -> None:
+        """A process is stopped, and continues later."""
+        result.hearing, number = SOUND_S, self._parts()[name]
+        os.kill(number, signal.SIGSTOP)
+        result.sent = {f'SIGSTOP to {name}': 1}
+        time.sleep(STOPPED_S)
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGCONT)
+
+    def _show(self, result: Result) -> None:
+        back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
+        print(f'{time.monotonic() - self._begun:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} '
+              f'deaths, {result.found.bad_count} bad commands, {result.found.move_count} wrong moves, tracking back: {back}',
+              flush=True)
+        if result.late:
+            print(f'         bearings meanwhile: {result.meanwhile}; {self._problems()}', flush=True)
+        for fault in (*result.deaths, *result.found.bad[:2], *result.found.moves[:2], *result.faults, *result.late):
+            print(f'         {fault}', flush=True)
+
+    def _problems(self) -> str:
+        """What the rig's nodes complain of."""
+        return '; '.join(f'{name.removesuffix(": status")}: {text[:200]}' for name, text in self._observer.problems.items()
+                         if name.endswith('_node: status') and text != 'active')
+
+    def _report(self) -> int:
+        grown = {name: last.resident - self._first[number][1].resident
+                 for number, (name, last) in self._last.items() if number in self._first}
+        failed = verdicts(self._results, grown)
+        lines = [table(self._results), '', '| verdict | |', '|---|---|']
+        lines += [f'| {verdict} | {"holds" if not reasons else "FAILED: " + "; ".join(reasons[:5])} |'
+                  for verdict, reasons in failed.items()]
+        text = '\n'.join(lines)
+        print(f'\n{text}', flush=True)
+        (self._options.out / 'table.md').write_text(text + '\n')
+        data = {'options': vars(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
+                'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count(), 'diagnostics': self._problems()}
+        (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
+        return 1 if any(failed.values()) or not self._results else 0
+
+
+def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, list[str]]:
+    """What did not hold, by verdict; a verdict without an entry in its list holds.
+
+    Parameters:
+        results: of all attacks.
+        growth (MiB): of each process from the first attack to the end.
+    """
+    return {
+        'no process dies by a message': [f'{one.name}: {death}' for one in results for death in one.deaths],
+        'commands are finite and within their limits': [f'{one.name}: {bad}' for one in results for bad in one.found.bad],
+        'nothing moves that must not': [f'{one.name}: {move}' for one in results for move in one.found.moves],
+        f'memory grows by less than {MOST_GROWTH:.0f} MiB': [
+            f'{name} {grown:.0f} MiB' for name, grown in growth.items() if grown >= MOST_GROWTH],
+        'all nodes obey afterwards': [f'{one.name}: {fault}' for one in results for fault in one.faults],
+        IN_TIME: [f'{one.name}: {fault}' for one in results for fault in one.late]}
+
+
+def table(results: Sequence[Result]) -> str:
+    """The results in Markdown, one row for each kind of attack; of several runs of one the sum, or the worst."""
+    lines = ['| attack | runs | sent | deaths | commands | bad | moves that must not be | tracking back (s) |',
+             '|---|---|---|---|---|---|---|---|']
+    for name in dict.fromkeys(result.name for result in results):
+        runs = [result for result in results if result.name == name]
+        times = [math.inf if one.recovery is None else one.recovery for one in runs]
+        lines.append(f'| {name} | {len(runs)} | {sum(sum(one.sent.values()) for one in runs):,} '
+                     f'| {sum(len(one.deaths) for one in runs)} | {sum(one.found.commands for one in runs):,} '
+                     f'| {sum(one.found.bad_count for one in runs)} | {sum(one.found.move_count for one in runs)} '
+                     f'| {max(times):.1f} |')
+    return '\n'.join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

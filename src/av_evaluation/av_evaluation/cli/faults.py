@@ -14,7 +14,7 @@ import numpy as np
 
 from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.matrix import Told, cases, faultless, named, scenarios, title, try_fault
-from av_evaluation.progress import Progress
+from av_evaluation.runs.program import Progress
 
 Job = TypeVar('Job')
 Result = TypeVar('Result')

@@ -18,9 +18,9 @@ from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter
 from av_evaluation.metrics.metrics import summarise
-from av_evaluation.progress import Progress
 from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
 from av_evaluation.report.text import format_table
+from av_evaluation.runs.program import Progress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
-from av_network.report import Report
+from av_network.observation import Report
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.tracker import NetworkTracker

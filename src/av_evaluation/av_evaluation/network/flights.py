@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from av_evaluation.network.figures import OwnTracker
 from av_evaluation.network.simulation import NetworkSimulation, RigModel, SensingModel, Trajectory
 from av_network import sphere
-from av_network.report import Report
+from av_network.observation import Report
 
 STEP_S = 0.02  # of the integration of a flight
 ACCELERATION = 5.0  # m/s^2, largest of a commanded change of velocity: camera drones accelerate by 3 to 6 m/s^2

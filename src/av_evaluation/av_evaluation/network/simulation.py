@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_network import sphere
-from av_network.report import Report, Sighting
+from av_network.observation import Report, Sighting
 
 Trajectory = Callable[[float], NDArray[np.float64]]
 

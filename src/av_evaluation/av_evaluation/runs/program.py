@@ -1,20 +1,113 @@
-"""Common parts of the programs that compute many runs: options, exit codes, progress and messages of errors."""
+"""Common parts of the programs that compute many runs: options, exit codes, progress and messages of errors.
+
+Cases are computed in parallel processes; kept results are read from disk.
+"""
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
+import os
+import signal
 import sys
+import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TypeVar
 
 from av_evaluation.metrics.results import RunResult
-from av_evaluation.progress import Progress
 from av_evaluation.runs.cases import Case
-from av_evaluation.runs.schedule import run_cases
+from av_evaluation.runs.runs import run_case
 
 Work = Callable[[argparse.Namespace], int]
 Group = TypeVar('Group', bound=Hashable)
+Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the last one
+PERIOD_S = 0.2  # between changes of the line on a terminal
+
+
+def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report = lambda done, total, text: None
+              ) -> tuple[list[RunResult], dict[str, str]]:
+    """Compute cases; returns their results in order, and reasons of failures by the names of cases.
+
+    Parameters:
+        cases: to compute.
+        out: folder in which results are kept.
+        workers: processes, 0 for one for each core.
+        report: called after each run.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    results: dict[int, RunResult] = {}
+    failures: dict[str, str] = {}
+    keys = [(case.name, case.key) for case in cases]
+    for number, (name, key) in enumerate(keys):
+        kept = RunResult.load(out, name, key)
+        if kept is not None:
+            results[number] = kept
+    left = [number for number in range(len(cases)) if number not in results]
+    report(len(results), len(cases), '')
+    if not left:
+        return [results[number] for number in sorted(results)], failures
+    os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
+    # A keyboard interrupt is reported by this process only.
+    pool = ProcessPoolExecutor(min(workers or os.cpu_count() or 1, len(left)), multiprocessing.get_context('spawn'),
+                               signal.signal, (signal.SIGINT, signal.SIG_DFL))
+    try:
+        running = {pool.submit(run_case, cases[number]): number for number in left}
+        for future in as_completed(running):
+            number = running[future]
+            try:
+                results[number] = future.result()
+            except (ValueError, OSError) as error:
+                failures[cases[number].name] = str(error)
+            except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
+                failures[cases[number].name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
+            else:
+                results[number].key = keys[number][1]
+                results[number].save(out)
+            report(len(results) + len(failures), len(cases), cases[number].name)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+    return [results[number] for number in sorted(results)], failures
+
+
+class Progress:
+    """What is done: in place on a terminal, else a line for each run, or for each tenth of one.
+
+    Parameters:
+        unit: of what is counted: `runs`, or `s` of one run.
+        quiet: whether to print nothing.
+    """
+
+    def __init__(self, unit: str = 'runs', quiet: bool = False) -> None:
+        self._unit, self._quiet, self._began = unit, quiet, time.monotonic()
+        self._first: float | None = None
+        self._shown, self._shown_at = 0.0, -PERIOD_S
+        self._terminal = sys.stderr.isatty()
+
+    def show(self, done: float, total: float, text: str = '') -> None:
+        """Print the progress, where it is due; the first call only sets what was done before.
+
+        Parameters:
+            done: so far.
+            total: of all.
+            text: name of what was done last.
+        """
+        if self._first is None:
+            self._first = done
+            if done and not self._quiet:
+                print(f'{done:g} of {total:g} {self._unit} were computed before', file=sys.stderr)
+            return
+        now = time.monotonic()
+        due = now >= self._shown_at + PERIOD_S or done >= total if self._terminal else (
+            self._unit == 'runs' or done >= self._shown + 0.1 * total)
+        if self._quiet or not due:
+            return
+        self._shown, self._shown_at = done, now
+        left = (now - self._began) / max(done - self._first, 1e-9) * (total - done)
+        line = f'{done:.0f}/{total:.0f} {self._unit}, {now - self._began:.0f} s, {left:.0f} s left: {text}'
+        print(f'\r{line:<78}' if self._terminal else line, end='' if self._terminal and done < total else '\n', file=sys.stderr,
+              flush=True)
 
 
 def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:

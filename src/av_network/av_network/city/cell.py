@@ -1,9 +1,9 @@
-"""A cell of a city: reports of the rigs that reach it in, tracks with names that last across borders out."""
+"""Cells of a city as key expressions: reports of the rigs that reach one in, tracks with names that last across borders out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 from av_common.angles import angles_to_direction
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
-from av_network.city.grid import Grid
 from av_network.messages import PUBLISHED, check_age, check_version, is_place, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report_queue import ReportQueue
@@ -29,6 +28,62 @@ MOST_SPEED = 200.0  # m/s; the fastest multirotors reach 180 (records of 2025)
 NAMES = 2**16  # of a cell: its number times this, and the number of its track
 SAME_M = 5.0  # between two cells' estimates of one target at the least, as their rigs differ
 SAME_SIGMAS = 4.0
+PARTS = 4  # of a cell along each side, so that a rig's reports go only to the cells that it reaches
+REPORTS, TRACKS = 'av/report', 'av/track'  # beginnings of the keys
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square cells from the origin to the east and to the north, each divided into PARTS x PARTS.
+
+    Parameters:
+        cells: along each side.
+        size (m): of a cell.
+        reach (m): from a rig to the farthest target that it measures.
+    """
+
+    cells: int
+    size: float
+    reach: float
+
+    def cell_of(self, position: NDArray[np.float64]) -> tuple[int, int]:
+        """The cell (east, north) of a place; that of one outside is the nearest one."""
+        x, y = (min(max(int(value // self.size), 0), self.cells - 1) for value in position[:2])
+        return x, y
+
+    def report_key(self, rig: str, position: NDArray[np.float64]) -> str:
+        """The key of a rig's reports: the part of a cell in which it stands, and its name."""
+        cell = np.array(self.cell_of(position))
+        part = np.clip((position[:2] - self.size * cell) // (self.size / PARTS), 0, PARTS - 1).astype(int)
+        return f'{REPORTS}/{cell[0]}/{cell[1]}/{part[0]}/{part[1]}/{rig}'
+
+    def neighbours(self, cell: tuple[int, int]) -> Iterator[tuple[int, int]]:
+        """The cells around a cell."""
+        for x in range(max(cell[0] - 1, 0), min(cell[0] + 2, self.cells)):
+            for y in range(max(cell[1] - 1, 0), min(cell[1] + 2, self.cells)):
+                if (x, y) != cell:
+                    yield x, y
+
+    def parts(self, cell: tuple[int, int]) -> list[str]:
+        """The parts of cells whose rigs reach a cell, as in their keys: east, north, east and north within.
+
+        Raises ValueError for a reach beyond the neighbours.
+        """
+        if self.reach > self.size:
+            raise ValueError(f'reach is {self.reach:g} m, expected up to the size of a cell, {self.size:g} m')
+        depth, all_parts = -int(-self.reach // (self.size / PARTS)), range(PARTS)
+        found = [f'{cell[0]}/{cell[1]}/{x}/{y}' for x in all_parts for y in all_parts]
+        for other in self.neighbours(cell):
+            columns, rows = (all_parts if step == 0 else range(depth) if step > 0 else range(PARTS - depth, PARTS)
+                             for step in (other[0] - cell[0], other[1] - cell[1]))
+            found += [f'{other[0]}/{other[1]}/{x}/{y}' for x in columns for y in rows]
+        return found
+
+    def passes(self, cell: tuple[int, int], origin: NDArray[np.float64], unit: NDArray[np.float64], margin: float) -> bool:
+        """Whether a direction within its reach comes as near to a cell as a margin (m), seen from above."""
+        points = origin[:2] + np.linspace(0.0, self.reach, 9)[:, None] * unit[:2]
+        low = self.size * np.array(cell) - margin
+        return bool(np.any(np.all((points > low) & (points < low + self.size + 2.0 * margin), axis=1)))
 
 
 @dataclass

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
-from av_network.city.grid import Grid
+from av_network.city.cell import Grid
 
 SIGMA = math.radians(0.5)  # of a direction in a report
 HEADING_SIGMA = math.radians(0.2)  # of the surveyed headings

@@ -23,8 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from av_common.stamps import to_seconds
 from av_interfaces.msg import RigReport, WorldTrackArray
-from av_network.city.cell import Cell, all_cells
-from av_network.city.grid import REPORTS, TRACKS, Grid
+from av_network.city.cell import REPORTS, TRACKS, Cell, Grid, all_cells
 from av_network.city.world import Names, World
 
 RATE_HZ, OUTPUT_HZ, STEP_S = 4.0, 4.0, 0.05  # of reports and of tracks; of the loops

@@ -16,10 +16,9 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_interfaces.msg import RigReport, WorldTrackArray
-from av_network.geodesy import Datum
 from av_network.messages import check_version, version_of
 from av_network.nodes.network_node_parameters import network_node as parameters
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import Datum, NetworkSettings, RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
 
 RATE_HZ = 10.0  # of messages of tracks

@@ -17,9 +17,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from av_common.guarded_node import GuardedNode
 from av_px4.handover import others_that_steer, steers
-from av_px4.layouts import PROTOCOL, UNASKED_S, LayoutCheck, layout_hash
+from av_px4.layouts import PROTOCOL, SILENT_S, UNASKED_S, LayoutCheck, layout_hash, mismatch, offered_versions, version_of
 from av_px4.messages import characters, text
-from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
 
 # PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber is compatible and receives no message from before its
 # subscription: an old status must not look like a fresh one. PX4's own subscribers are BEST_EFFORT and VOLATILE.

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
-from av_reports.cot.settings import CotSettings
+from av_reports.settings import CotSettings
 
 UNKNOWN_M = 9999999.0  # by convention of the schema
 COVERED_SIGMA = 2.0  # to each side of a bearing that is drawn

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack
 from av_reports.cot.encoder import bearing_event, position_event, rig_event
-from av_reports.cot.settings import CotSettings
 from av_reports.identifiers import ObjectIds
+from av_reports.settings import CotSettings
 
 RIG_INTERVAL_S = 10.0  # between two events of the rig
 

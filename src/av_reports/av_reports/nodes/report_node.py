@@ -16,12 +16,11 @@ from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
-from av_reports.cot.settings import CotSettings
+from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
 from av_reports.outputs import CotOutput, LogOutput, Output
-from av_reports.peer import parse_peer
-from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
+from av_reports.settings import CotSettings, check_settings, cot_address, cot_settings, report_settings, sapient_settings
 from av_reports.stage import ReportStage
 
 RATE_HZ = 5.0  # at which is looked for what is due, and messages are answered

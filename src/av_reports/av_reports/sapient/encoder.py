@@ -20,7 +20,7 @@ from av_reports.sapient.protocol import (
     range_bearing,
 )
 from av_reports.sapient.registration import MODE
-from av_reports.sapient.settings import CLASSES, UNKNOWN_CLASS
+from av_reports.settings import CLASSES, UNKNOWN_CLASS
 
 LOST = 'lost'  # state of the last report of an object
 LONGEST_REASON = 200  # characters

@@ -8,8 +8,8 @@ from functools import partial
 from av_reports.link import Link
 from av_reports.outputs import link_values
 from av_reports.sapient.connection import connect
-from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import Health, Reaction, SapientStage
+from av_reports.settings import SapientSettings
 from av_reports.stage import Situation
 from av_reports.tasking import Command
 

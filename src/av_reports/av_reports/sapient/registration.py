@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from av_reports.sapient.protocol import ICD_VERSION, Registration, location, range_bearing, velocity
-from av_reports.sapient.settings import CLASSES, UNKNOWN_CLASS, SapientSettings
+from av_reports.settings import CLASSES, UNKNOWN_CLASS, SapientSettings
 
 MODE = 'default'
 REQUESTS = ('Registration', 'Status')

@@ -19,9 +19,9 @@ from av_reports.sapient.encoder import (
 )
 from av_reports.sapient.protocol import ICD_VERSION, Error, Task, TaskAck
 from av_reports.sapient.registration import REQUESTS, registration_message
-from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.task_desk import Answer, TaskDesk
 from av_reports.sapient.validation import check, parse
+from av_reports.settings import SapientSettings
 from av_reports.tasking import Command
 
 AGAIN_S = 30.0  # after this time without an acknowledgement a node registers again

@@ -20,10 +20,9 @@ from av_common.rig import detections_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
-from av_sim_bridge.receiving.consumer import Consumer
+from av_sim_bridge.receiving.consumer import Consumer, Worker
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
 from av_sim_bridge.receiving.streams import Sender, StampedImage
-from av_sim_bridge.receiving.worker import Worker
 from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
 from av_sim_bridge.receiving.allowed_senders import Refusals, SenderGate
-from av_sim_bridge.receiving.worker import report
+from av_sim_bridge.receiving.consumer import report
 from av_sim_bridge.wire import ForeignSenderError, UndatedError, WireError
 
 Handler = Callable[[bytes, float, tuple], None]

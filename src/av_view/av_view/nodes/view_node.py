@@ -26,9 +26,9 @@ from av_view.access import Access, PrivateAddress
 from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.health import MOST_NODES, Health
-from av_view.memory import settle
 from av_view.nodes.rig_control import RigControl
 from av_view.nodes.view_node_parameters import view_node as parameters
+from av_view.picture import settle
 from av_view.server import ViewServer
 
 if TYPE_CHECKING:

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from av_vision.detections import NMS_IOU, NMS_NESTED, Candidates, Detections, suppress
 from av_vision.image import to_bgr8
-from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
+from av_vision.yolo.letterbox import Region, fitting_size, letterbox, tile_corners, to_tensor, whole_in_tile
 from av_vision.yolo.model import Model, ModelError
-from av_vision.yolo.region import Region
 from av_vision.yolo.rows import LayoutError, check_scores
-from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well

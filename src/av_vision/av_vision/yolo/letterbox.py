@@ -1,14 +1,19 @@
-"""Conversion of images to the size and the tensor layout of a model's input."""
+"""Parts of an image, and their conversion to the size and the tensor layout of a model's input.
+
+Tiles are for targets too small for the network (Akyon et al. 2022, arXiv:2202.06934).
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 LETTERBOX_GREY = 114  # the grey that YOLO models are trained with
+EDGE = 2.0  # pixels
 
 
 def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArray[np.uint8], float]:
@@ -60,3 +65,72 @@ def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: D
         for channel, plane in zip(cv2.split(image)[::-1 if rgb else 1], planes, strict=True):
             np.multiply(channel, np.float32(scale), out=plane, casting='unsafe')
     return tensor
+
+
+class Region(NamedTuple):
+    """A part of an image that is searched.
+
+    Parameters:
+        kind: full, near, track, bearing or tile.
+        x, y (pixels): top-left corner.
+        width, height (pixels): its size.
+        longest (pixels): its longer side as input of the network.
+        least (pixels): larger side of the smallest object that counts; smaller ones are found elsewhere.
+    """
+
+    kind: str
+    x: int
+    y: int
+    width: int
+    height: int
+    longest: int
+    least: float = 0.0
+
+    def holds(self, centre: NDArray, size: float) -> bool:
+        """Whether an object would have been found here.
+
+        Parameters:
+            centre (2,; pixels): its centre.
+            size (pixels): its larger side.
+        """
+        low, high = np.asarray(centre) - 0.5 * size, np.asarray(centre) + 0.5 * size
+        return bool(np.all(low >= (self.x, self.y)) and np.all(high <= (self.x + self.width, self.y + self.height))
+                    and size >= self.least)
+
+
+def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
+    """Top-left corners (x, y) of square tiles that cover an image evenly with at least the share `overlap` in common.
+
+    An image no larger than a tile needs none: the list is empty.
+
+    Parameters:
+        width, height (pixels): size of the image.
+        side (pixels): side of the tiles.
+        overlap (0-1): least common share of neighbouring tiles.
+    """
+    def starts(length: int) -> list[int]:
+        if length <= side:
+            return [0]
+        count = int(np.ceil((length - side) / (side * (1.0 - overlap)))) + 1
+        return np.rint(np.linspace(0, length - side, count)).astype(int).tolist()
+
+    if width <= side and height <= side:
+        return []
+    return [(x, y) for y in starts(height) for x in starts(width)]
+
+
+def whole_in_tile(boxes: NDArray, tile: Region, width: int, height: int) -> NDArray[np.bool_]:
+    """Which boxes (n, 4) of an image, found in a tile, do not touch an edge of the tile that lies inside the image.
+
+    A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the whole
+    image.
+
+    Parameters:
+        boxes (n, 4) (pixels): x1, y1, x2, y2 in the image.
+        tile: the part of the image that was searched.
+        width, height (pixels): size of the image.
+    """
+    right, bottom = tile.x + tile.width, tile.y + tile.height
+    low = np.array([tile.x if tile.x > 0 else -np.inf, tile.y if tile.y > 0 else -np.inf])
+    high = np.array([right if right < width else np.inf, bottom if bottom < height else np.inf])
+    return np.all(boxes[:, :2] > low + EDGE, axis=1) & np.all(boxes[:, 2:] < high - EDGE, axis=1)

@@ -14,7 +14,6 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
-from av_vision.yolo.coco import COCO
 from av_vision.yolo.layout import LAYOUTS, TABLE_COLUMNS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 from av_vision.yolo.rows import LayoutError, RowReader
@@ -23,6 +22,13 @@ MOST_BYTES = 500_000_000
 MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
 LONGEST = 8192                 # pixels of a side of the input
 FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
+COCO = tuple("""
+person|bicycle|car|motorcycle|airplane|bus|train|truck|boat|traffic light|fire hydrant|stop sign|parking meter|bench|bird|cat
+dog|horse|sheep|cow|elephant|bear|zebra|giraffe|backpack|umbrella|handbag|tie|suitcase|frisbee|skis|snowboard|sports ball|kite
+baseball bat|baseball glove|skateboard|surfboard|tennis racket|bottle|wine glass|cup|fork|knife|spoon|bowl|banana|apple|sandwich
+orange|broccoli|carrot|hot dog|pizza|donut|cake|chair|couch|potted plant|bed|dining table|toilet|tv|laptop|mouse|remote|keyboard
+cell phone|microwave|oven|toaster|sink|refrigerator|book|clock|vase|scissors|teddy bear|hair drier|toothbrush
+""".strip().replace('\n', '|').split('|'))
 
 
 class ModelError(ValueError):
