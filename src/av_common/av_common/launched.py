@@ -16,7 +16,6 @@ from pathlib import Path
 RUN_FOLDER = 'AV_RIG_RUN'     # folder of files that outlive a process but not the launch; marks the launch's processes, too
 RESTARTS = 'AV_RIG_RESTARTS'  # number of earlier processes of this launch that this one replaces
 HUNG = 'AV_RIG_HUNG'          # of them, how many had hung
-ON, OFF = b'on', b'off'
 BEAT_PERIOD_S = 0.5
 
 
@@ -62,58 +61,26 @@ def started_file(folder: Path, process: int) -> Path:
     return folder / f'{process}.started'
 
 
-class KeptSwitch:
-    """Something on or off that outlives the process of a node, but not the launch that started it.
-
-    A process that was restarted finds the value that was set last, and off where that cannot be read.
-
-    Parameters:
-        name: name of its file in the folder of the run, unique in the launch.
-        initial: the value in the first process.
-    """
-
-    def __init__(self, name: str, initial: bool) -> None:
-        folder = run_folder()
-        self._file = folder / name.strip('/').replace('/', '.') if folder else None
-        self.set(self._kept() if restarts() else initial)
-
-    @property
-    def value(self) -> bool:
-        """Whether it is on."""
-        return self._value
-
-    def set(self, value: bool) -> None:
-        """Switch, and keep the value for the next process. It finds off where the file cannot be written to its end."""
-        self._value = value
-        with suppress(OSError):
-            if self._file:
-                self._file.write_bytes(ON if value else OFF)
-
-    def _kept(self) -> bool:
-        with suppress(OSError):
-            return self._file is not None and self._file.read_bytes() == ON
-        return False
-
-
 class KeptNumbers:
     """A few numbers that outlive the process of a node, but not the launch that started it.
 
     Parameters:
         name: name of their file in the folder of the run, unique in the launch.
-        initial: the numbers in the first process, and where those of the process before cannot be read.
+        initial: the numbers in the first process.
+        lost: those in a later one where what was kept cannot be read; None for `initial`.
 
     Attributes:
         values: the numbers that were kept last.
     """
 
-    def __init__(self, name: str, initial: tuple[float, ...]) -> None:
+    def __init__(self, name: str, initial: tuple[float, ...], lost: tuple[float, ...] | None = None) -> None:
         self._layout = struct.Struct(f'<{len(initial)}d')
         folder = run_folder()
         self._file: int | None = None
         with suppress(OSError):
             if folder:
                 self._file = os.open(folder / name.strip('/').replace('/', '.'), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        self.values = (self._kept() or initial) if restarts() else initial
+        self.keep(*((self._kept() or lost or initial) if restarts() else initial))
 
     def keep(self, *values: float) -> None:
         """Keep numbers for the next process; cheap enough for every message."""

@@ -4,7 +4,7 @@ from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
     'settings': 'NetworkSettings RigSettings',
-    'stage': 'NetworkStage NetworkStageSettings RigPlace',
+    'stage': 'NetworkStage RigPlace',
     'tracker': 'NetworkTracker',
     'observation': 'Observation Report Sighting',
     'network_target': 'TargetState',

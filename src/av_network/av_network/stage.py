@@ -21,13 +21,15 @@ from av_network.messages import PUBLISHED, check_age, check_version, direction_m
 from av_network.network_target import TargetState
 from av_network.observation import Report
 from av_network.report_queue import ReportQueue
-from av_network.settings import Datum, NetworkSettings, RigSettings, to_enu
+from av_network.settings import Datum, RigSettings, to_enu
 from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
+PERIOD_S = 0.04  # least time between two reports of a rig that are used
+WAIT_S = 1.0  # see `ReportQueue`
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
 
 
@@ -44,21 +46,6 @@ class RigPlace:
     source: str
     position: NDArray[np.float64]
     heading: float = 0.0
-
-
-@dataclass(frozen=True)
-class NetworkStageSettings:
-    """Settings of a `NetworkStage`.
-
-    Parameters:
-        datum: of its origin.
-        report_period (s): least time between two reports of a rig that are used.
-        wait (s): see `ReportQueue`.
-    """
-
-    datum: Datum = NO_DATUM
-    report_period: float = 0.04
-    wait: float = 1.0
 
 
 @dataclass
@@ -82,15 +69,13 @@ class NetworkStage:
     Parameters:
         rigs: what is known of each.
         places: how the place of each is known.
-        settings: see `NetworkStageSettings`.
-        tracking: see `NetworkSettings`.
+        datum: of the origin.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace], settings: NetworkStageSettings | None = None,
-                 tracking: NetworkSettings | None = None) -> None:
-        self.settings = settings or NetworkStageSettings()
-        self.tracker = NetworkTracker(rigs, tracking)
-        self.queue = ReportQueue(self.settings.wait)
+    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace], datum: Datum = NO_DATUM) -> None:
+        self._datum = datum
+        self.tracker = NetworkTracker(rigs)
+        self.queue = ReportQueue(WAIT_S)
         self.statistics = {rig.name: RigStatistics() for rig in rigs}
         self._names = [rig.name for rig in rigs]
         self._places = dict(zip(self._names, places, strict=True))
@@ -134,7 +119,7 @@ class NetworkStage:
         if rig not in self._positions:
             statistics.unplaced += 1
             return
-        if abs(stamp - statistics.newest) < self.settings.report_period:
+        if abs(stamp - statistics.newest) < PERIOD_S:
             return
         statistics.newest = max(stamp, statistics.newest)
         self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
@@ -150,7 +135,7 @@ class NetworkStage:
         """
         if message.status.status < NavSatStatus.STATUS_FIX:
             raise ValueError(f'{rig} has no fix')
-        self._positions[rig] = to_enu(Datum(message.latitude, message.longitude, message.altitude), self.settings.datum)
+        self._positions[rig] = to_enu(Datum(message.latitude, message.longitude, message.altitude), self._datum)
 
     def output(self, now: float) -> WorldTrackArray:
         """All targets at a time (s), after the reports that are complete by then."""
@@ -162,7 +147,7 @@ class NetworkStage:
         tracks = [target_message(state, self._names) for state in self.tracker.states(now)
                   if state.existence >= PUBLISHED and (state.positioned or state.rigs)]
         tracks += self._lone(now)
-        datum = self.settings.datum
+        datum = self._datum
         return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=MAP_FRAME), latitude=datum.latitude,
                                longitude=datum.longitude, altitude=datum.altitude, tracks=tracks,
                                rigs=[self._pose(name) for name in sorted(self._names)])

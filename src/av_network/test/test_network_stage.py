@@ -14,7 +14,7 @@ from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
 from av_network.messages import version_of
 from av_network.settings import Datum, RigSettings, to_enu
-from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
+from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
 PLACES = {'left': np.array([-20.0, 0.0, 1.5]), 'right': np.array([20.0, 0.0, 1.5]), 'third': np.array([0.0, 20.0, 1.5])}
 DRONE = np.array([3.0, 55.0, 22.0])
@@ -35,7 +35,7 @@ def report(rig, time, heading=0.0, **values):
 
 def stage_of(names=('left', 'right'), source=SURVEYED, **settings):
     rigs = [RigSettings(name, 0.01, 0.001 if index else 0.0) for index, name in enumerate(names)]
-    return NetworkStage(rigs, [RigPlace(source, PLACES[name]) for name in names], NetworkStageSettings(**settings))
+    return NetworkStage(rigs, [RigPlace(source, PLACES[name]) for name in names], **settings)
 
 
 def run(stage, names, seconds=5.0, **values):

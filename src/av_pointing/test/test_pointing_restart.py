@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from ros_domains import free_domain
 from std_srvs.srv import SetBool
 
-from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers, KeptSwitch
+from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers
 from av_common.qos import RESULT
 from av_interfaces.msg import PointingCommand
 from av_pointing.controller import PointingController
@@ -49,7 +49,7 @@ def first_command(environment):
 def test_a_restarted_node_continues(enabled, tmp_path, monkeypatch):
     monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
     KeptNumbers('/pointing_node.angles', (0.0, 0.0)).keep(0.7, -0.2)
-    KeptSwitch('/pointing_node.enabled', initial=enabled)
+    KeptNumbers('/pointing_node.enabled', (enabled,))
     command = first_command({RUN_FOLDER: str(tmp_path), RESTARTS: '1'})
     assert (command.pan, command.tilt) == pytest.approx((0.7, -0.2))
     assert (command.pan_rate, command.tilt_rate, command.yaw_rate) == (0.0, 0.0, 0.0)

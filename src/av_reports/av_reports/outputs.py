@@ -60,7 +60,7 @@ class CotOutput:
         """Why nothing is reported."""
         if not self._link.take().session:
             return f'{self._address.url} is not connected: {self._link.problem or "no answer yet"}'
-        return 'the place of the rig is not known: it needs the topic fix, or surveyed.enabled' if self._placeless else ''
+        return 'the place of the rig is not known: it needs the topic fix, or surveyed.latitude' if self._placeless else ''
 
     def values(self) -> dict[str, object]:
         """Numbers of what was sent."""

@@ -79,8 +79,9 @@ def report_settings(values: Any) -> ReportSettings:
         values: the parameters.
     """
     known = values.surveyed
-    place = Place(known.latitude, known.longitude, known.altitude, SURVEYED_SIGMA_M) if known.enabled else None
-    heading = math.radians(known.heading_deg) if known.enabled else None
+    is_surveyed = bool(known.latitude or known.longitude)
+    place = Place(known.latitude, known.longitude, known.altitude, SURVEYED_SIGMA_M) if is_surveyed else None
+    heading = math.radians(known.heading_deg) if is_surveyed else None
     return ReportSettings(Selection(only_drones=values.only_drones), values.positions, values.north, place, heading)
 
 

@@ -15,7 +15,7 @@ from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 
 MOST_TRACKS = 100  # those that are most likely there
 SILENT_S = 2.0  # without a message of the tracker for this long it is missing
-NO_HEADING = ("the rig's heading is not known: it needs odometry, or surveyed.enabled with surveyed.heading_deg, or north "
+NO_HEADING = ("the rig's heading is not known: it needs odometry, or surveyed.heading_deg at a surveyed place, or north "
               'false, with which directions count from ahead')
 
 

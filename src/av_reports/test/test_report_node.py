@@ -29,7 +29,7 @@ from av_interfaces.srv import SelectTarget
 from av_reports.nodes.report_node import ReportNode
 
 pytestmark = pytest.mark.system
-SURVEYED = ('surveyed.enabled:=true', 'surveyed.latitude:=51.5', 'surveyed.longitude:=-0.12', 'surveyed.altitude:=30.0')
+SURVEYED = ('surveyed.latitude:=51.5', 'surveyed.longitude:=-0.12', 'surveyed.altitude:=30.0')
 
 
 @pytest.fixture(autouse=True)

@@ -18,8 +18,8 @@ from av_common.rate_meter import RateMeter
 from av_interfaces.msg import RigReport, WorldTrackArray
 from av_network.messages import check_version, version_of
 from av_network.nodes.network_node_parameters import network_node as parameters
-from av_network.settings import Datum, NetworkSettings, RigSettings
-from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
+from av_network.settings import Datum, RigSettings
+from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
 RATE_HZ = 10.0  # of messages of tracks
 REPORT, REPORT_TYPE = '/network/report', 'av_interfaces/msg/RigReport'
@@ -45,11 +45,12 @@ class NetworkNode(RigNode):
         if p.join and (len(p.pose_sources) != 1 or p.pose_sources[0] == SURVEYED):
             raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
         places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
-        datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude) if p.datum.known else Datum()
+        given_datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
+        datum = given_datum if any(given_datum[:2]) else Datum()
         if any(place.source == FIX for place in places) and not datum.known:
-            raise ValueError('pose_sources has fix, which needs datum.known, and latitude, longitude and altitude of datum')
+            raise ValueError('pose_sources has fix, which needs latitude, longitude and altitude of datum')
         rigs = [self._rig(name, not index) for index, name in enumerate(names)]
-        self._stage = NetworkStage(rigs, places, NetworkStageSettings(datum), NetworkSettings())
+        self._stage = NetworkStage(rigs, places, datum)
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)

@@ -19,7 +19,7 @@ from std_msgs.msg import Float32
 from std_srvs.srv import SetBool
 
 from av_common.freshness import Instant
-from av_common.launched import KeptNumbers, KeptSwitch
+from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -42,7 +42,7 @@ class PointingNode(RigNode):
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
         # As they were left, also by the process before.
-        self._enabled = KeptSwitch(f'{self.get_fully_qualified_name()}.enabled', self.settings.enabled)
+        self._enabled = KeptNumbers(f'{self.get_fully_qualified_name()}.enabled', (self.settings.enabled,), lost=(False,))
         self._angles = KeptNumbers(f'{self.get_fully_qualified_name()}.angles', (0.0, 0.0))
 
     def configure(self) -> None:
@@ -50,7 +50,7 @@ class PointingNode(RigNode):
         self._settings = self.settings
         self._gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_pointing_stage(self._settings, self._gimbal)
-        self._stage.controller.enabled = self._enabled.value
+        self._stage.controller.enabled = self._enabled.values == (True,)
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
@@ -75,7 +75,7 @@ class PointingNode(RigNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition, after which the rig moves only when it is enabled again, also by a later process."""
-        self._enabled.set(False)
+        self._enabled.keep(False)
         return super().on_deactivate(state)
 
     def deactivate(self) -> None:
@@ -103,7 +103,7 @@ class PointingNode(RigNode):
         if request.data and self._ran - self._resumed < DRAINED_S:
             response.message = 'this process stood still, and the request may be old: ask again'
             return response
-        self._enabled.set(request.data)
+        self._enabled.keep(request.data)
         self._stage.controller.enabled = request.data
         response.success, response.message = True, 'commands move the rig' if request.data else 'commands move nothing'
         return response
