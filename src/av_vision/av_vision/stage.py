@@ -24,7 +24,7 @@ from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.visibility import VisibilityReporter, VisibilitySettings
+from av_vision.visibility import VisibilityReporter
 from av_vision.yolo import Detector, DetectorSettings
 
 BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells where to look
@@ -40,19 +40,19 @@ class DetectionStage:
 
     Parameters:
         detector: the detector and its state over images.
-        visibility: rate and scene of estimates of visibility; None for no estimates.
+        visibility: estimates visibility; None for no estimates.
         camera: intrinsics; None until `on_camera_info`.
         rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
             raise ValueError.
     """
 
-    def __init__(self, detector: TemporalDetector, visibility: VisibilitySettings | None = None,
+    def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None,
                  camera: PinholeCamera | None = None,
                  rotation_of: RotationOf = lambda frame, time: None) -> None:
         self.detector = detector
         self.shown: NDArray[np.uint8] | None = None
         self._gain = AutomaticGain()
-        self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0))
+        self._visibility = visibility
         self._camera, self._rotation_of, self._told = camera, rotation_of, False
         self._attitudes = AttitudeHistory()
         self._bearing = (-math.inf, Bearing())  # when it was measured
@@ -76,7 +76,7 @@ class DetectionStage:
         pose = self._pose(header.frame_id, time, camera)
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
-        visibility = self._visibility.report(image, time, camera, level)
+        visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
         complete = len(detections) or self.detector.searched(time)
         return (detections_message(header, detections, tracks) if complete else None,
                 None if visibility is None else visibility_message(header, visibility))
@@ -136,7 +136,8 @@ class DetectionStage:
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
         check_pixels(message.width, message.height, self._most_pixels)
-        self._visibility.on_depth(message)
+        if self._visibility is not None:
+            self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Use the intrinsics, also for visibility over flat ground. Raises ValueError for impossible ones."""
@@ -145,7 +146,8 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
-        self._visibility.reset()
+        if self._visibility is not None:
+            self._visibility.reset()
 
 
 def cue_of_bearing(message: Bearing, pose: CameraPose) -> BearingCue | None:
@@ -181,8 +183,7 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
-    rate = 0.0 if p.camera_kind == 'thermal' else p.visibility_rate
-    visibility = VisibilitySettings(rate, p.visibility_distance, p.camera_height)
+    visibility = None if p.camera_kind == 'thermal' else VisibilityReporter(p.visibility_distance, p.camera_height)
     return DetectionStage(temporal, visibility, camera, rotation_of)
 
 

@@ -29,6 +29,7 @@ QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brigh
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
 LEAST_PIXELS = 30
+PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
 LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
@@ -135,33 +136,19 @@ def contrast_left(grey: NDArray[np.float32]) -> float:
     return float(np.clip((air - dark) / max(0.85 * air, 1.0), 0.0, 1.0))
 
 
-@dataclass(frozen=True)
-class VisibilitySettings:
-    """Rate and scene of estimates of visibility.
-
-    Parameters:
-        rate (1/s): rate of estimates; 0 for none.
-        target_distance (m): distance for which the share of contrast is reported.
-        camera_height (m): height over flat ground; 0 when unknown.
-    """
-
-    rate: float = 2.0
-    target_distance: float = 10.0
-    camera_height: float = 0.0
-
-
 class VisibilityReporter:
-    """Estimates visibility in some of the images.
+    """Estimates visibility every PERIOD_S.
 
     Distances come from depth images, or from the camera's height over flat ground; without either only the share of contrast
     that is left in the image is known.
 
     Parameters:
-        settings: rate and scene.
+        target_distance (m): distance for which the share of contrast is reported.
+        camera_height (m): height over flat ground; 0 when unknown.
     """
 
-    def __init__(self, settings: VisibilitySettings) -> None:
-        self._settings = settings
+    def __init__(self, target_distance: float, camera_height: float = 0.0) -> None:
+        self._target_distance, self._camera_height = target_distance, camera_height
         self._next = -math.inf
         self._depth: tuple[float, NDArray] | None = None  # time in s, image
 
@@ -182,13 +169,12 @@ class VisibilityReporter:
             camera: of this image, for flat ground; None while unknown.
             rotation (3, 3): from its optical frame to a level frame; None where unknown: it looks level.
         """
-        rate = self._settings.rate
-        if rate <= 0.0 or self._next - 1.0 / rate <= time < self._next:
+        if self._next - PERIOD_S <= time < self._next:
             return None
-        self._next = time + 1.0 / rate
+        self._next = time + PERIOD_S
         level = FLU_TO_OPTICAL.T if rotation is None else rotation
         distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
-        return estimate(image, distance, self._settings.target_distance)
+        return estimate(image, distance, self._target_distance)
 
     def reset(self) -> None:
         """Estimate visibility in the next image, and discard the last depth image."""
@@ -201,7 +187,6 @@ class VisibilityReporter:
             if depth.shape != shape:
                 return None
             return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
-        height = self._settings.camera_height
-        if camera is None or not height > 0.0:
+        if camera is None or not self._camera_height > 0.0:
             return None
-        return ground_distances(camera, height, rotation)
+        return ground_distances(camera, self._camera_height, rotation)

@@ -76,11 +76,11 @@ def test_raw_compressed_and_foreign_messages_give_the_same(model):
 
 
 def test_visibility_comes_at_its_rate_and_after_a_loop(model):
-    stage = make(model, visibility_rate=2.0)
+    stage = make(model)
     times = [10.0, 10.1, 10.4, 10.5, 10.6, 3.0, 3.1]
     due = [stage.on_image(image_at(time), time)[1] is not None for time in times]
     assert due == [True, False, False, True, False, True, False]
-    assert make(model, visibility_rate=0.0).on_image(image_at(1.0), 1.0)[1] is None
+    assert make(model, camera_kind='thermal').on_image(image_at(1.0), 1.0)[1] is None
 
 
 def test_visibility_has_a_range_where_the_ground_is_known(model):
