@@ -94,14 +94,15 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
     near = np.isfinite(distance) & (distance > 0.3)
     if near.sum() < 4 * LEAST_PIXELS:
         return math.nan
-    edges = np.quantile(distance[near], np.linspace(0.0, 1.0, BINS + 1))
-    place = np.clip(np.searchsorted(edges, distance[near], 'right') - 1, 0, BINS - 1)
+    away, brightness = distance[near], grey[near]
+    edges = np.quantile(away, np.linspace(0.0, 1.0, BINS + 1))
+    place = np.clip(np.searchsorted(edges, away, 'right') - 1, 0, BINS - 1)
     at, levels = [], []
     for k in range(BINS):
         here = place == k
         if here.sum() >= LEAST_PIXELS:
-            at.append(np.median(distance[near][here]))
-            levels.append(np.quantile(grey[near][here], QUANTILES))
+            at.append(np.median(away[here]))
+            levels.append(np.quantile(brightness[here], QUANTILES))
     if len(at) < 4 or max(at) < 1.5 * min(at):
         return math.nan
     sky = grey[~np.isfinite(distance)]
