@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from av_bags import topics as names
 from av_bags.errors import BagError
-from av_bags.pcm import FORMATS, decode
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock
@@ -32,6 +31,29 @@ Converter = Callable[[Any, int], Iterable[Any]]
 GAP_S = 0.05
 # Frame of audio whose messages name none.
 ARRAY_FRAME = 'microphones'
+FORMATS = {'S16LE': ('<i2', 32768.0), 'S32LE': ('<i4', 2147483648.0), 'F32LE': ('<f4', 1.0)}
+
+
+def decode(data: bytes, sample_format: str, channels: int) -> NDArray:
+    """Samples (n, channels) in float32, full scale 1, of interleaved bytes.
+
+    Parameters:
+        data: whole samples of all channels.
+        sample_format: one of FORMATS.
+        channels: number of channels.
+
+    Raises ValueError for an unknown format or an incomplete sample.
+    """
+    kind, full_scale = _format(sample_format)
+    if channels < 1 or len(data) % (channels * np.dtype(kind).itemsize):
+        raise ValueError(f'{len(data)} bytes are not a whole number of samples of {channels} channels in {sample_format}')
+    return (np.frombuffer(data, kind).reshape(-1, channels) / full_scale).astype(np.float32)
+
+
+def _format(sample_format: str) -> tuple[str, float]:
+    if sample_format.upper() not in FORMATS:
+        raise ValueError(f'sample format {sample_format!r}, expected one of {", ".join(FORMATS)}')
+    return FORMATS[sample_format.upper()]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_bags.pcm import decode
+from av_bags.converters import decode
 
 
 def test_known_bytes():

@@ -9,8 +9,7 @@ import pytest
 from ament_index_python.packages import get_package_share_directory
 
 from av_bringup.cli.security import main
-from av_bringup.security.keystore import FILES, KeystoreError, check_enclave
-from av_bringup.security.openssl import OpensslError, openssl
+from av_bringup.security.keystore import FILES, KeystoreError, OpensslError, check_enclave, openssl
 from av_bringup.security.policy import read_policy
 
 SHIPPED = Path(get_package_share_directory('av_bringup')) / 'config' / 'security'

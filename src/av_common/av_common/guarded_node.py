@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -12,7 +13,6 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
-from av_common.reader import Reader
 from av_common.refused_inputs import RefusedInputs
 from av_common.stamps import to_seconds
 
@@ -23,6 +23,31 @@ __all__ = ('GuardedNode', 'check_size', 'decode')
 LARGEST_MESSAGE, LARGEST_BULK_MESSAGE = 1_000_000, 256_000_000
 SMALLEST_MESSAGE = 4  # of the encapsulation; rmw_cyclonedds_cpp reads beyond the end of shorter ones
 CLOCK_TOPIC = '/clock'
+
+
+class Reader:
+    """Takes the messages of a subscription that no executor waits for; until then they wait in the middleware.
+
+    For those who look at a topic now and then: messages that newer ones replace (by the depth of the queue) cost little.
+
+    Attributes:
+        subscription: of the node.
+
+    Parameters:
+        subscription: see `GuardedNode.create_reader`.
+    """
+
+    def __init__(self, subscription: Any) -> None:
+        self.subscription = subscription
+
+    def take(self) -> list[tuple[bytes, float]]:
+        """The messages that wait, serialised, the oldest first, each with the time (s, Unix) at which it was published."""
+        handle, found = self.subscription.handle, []
+        with handle:
+            while (taken := handle.take_message(self.subscription.msg_type, True)) is not None:
+                data, info = taken
+                found.append((data, 1e-9 * (info['source_timestamp'] or time.time_ns())))
+        return found
 
 
 class GuardedNode(LifecycleNode):

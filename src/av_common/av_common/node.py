@@ -31,8 +31,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
-from av_common.parameter_node import ParameterNode
-from av_common.parameter_rules import ParameterError
+from av_common.parameter_node import ParameterError, ParameterNode
 from av_common.publishers import PERIOD_S, Publishers
 from av_common.refused_inputs import STRICT_VARIABLE
 

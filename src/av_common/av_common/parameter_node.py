@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar
 
 from lifecycle_msgs.msg import State
@@ -11,12 +12,50 @@ from rclpy.parameter import Parameter
 from rclpy.time_source import USE_SIM_TIME_NAME
 
 from av_common.guarded_node import GuardedNode
-from av_common.parameter_rules import ParameterError, check_together, check_value
 
 __all__ = ('WHEN_CONFIGURED', 'ParameterNode')
 
 # What additional_constraints of a parameter say that has no effect at run time.
 WHEN_CONFIGURED = 'takes effect when the node is configured'
+LONGEST_TEXT, LONGEST_LIST = 4096, 1024  # characters of a text, elements of a list
+
+
+class ParameterError(ValueError):
+    """Parameters that cannot be used; the message names the parameter, its value and what is expected."""
+
+
+def check_value(name: str, value: Any) -> None:
+    """Raise ParameterError for numbers that are not finite, and for texts and lists without measure.
+
+    Parameters:
+        name: the parameter.
+        value: its value; of any type that parameters have.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ParameterError(f'{name} is {value}, expected a finite number')
+    if isinstance(value, str):
+        if len(value) > LONGEST_TEXT:
+            raise ParameterError(f'{name} has {len(value)} characters, expected at most {LONGEST_TEXT}')
+    elif hasattr(value, '__len__'):
+        if len(value) > LONGEST_LIST:
+            raise ParameterError(f'{name} has {len(value)} elements, expected at most {LONGEST_LIST}')
+        for element in value:
+            check_value(name, element)
+
+
+def check_together(check: Callable[[Any], None], settings: Any) -> None:
+    """Raise ParameterError when `check` raises ValueError for `settings`.
+
+    Parameters:
+        check: `check_parameters` of a node.
+        settings: the generated struct of its parameters.
+    """
+    try:
+        check(settings)
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
 
 
 class ParameterNode(GuardedNode):

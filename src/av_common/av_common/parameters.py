@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from av_common.files import nearest, shown
 from av_common.node import RigNode
 from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
-from av_common.parameter_rules import ParameterError, check_together, check_value
+from av_common.parameter_node import ParameterError, check_together, check_value
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),

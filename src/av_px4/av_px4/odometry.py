@@ -1,6 +1,9 @@
-"""PX4's poses as the rig's odometry."""
+"""PX4's poses as the rig's odometry, and the speeds of its motors, which hearing needs over its own rotors."""
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 from nav_msgs.msg import Odometry
 
@@ -13,6 +16,8 @@ SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves 
 # s, by which a stamp may precede the clock's offset. A start of the whole rig, seconds of other load, or stalls of the agent
 # (up to 0.8 s flown) delay what comes; when it is on time again it is no restart of the clock, which would cost a second.
 EARLY_S = 0.9
+RADIANS_PER_RPM = 2.0 * math.pi / 60.0
+LARGEST = 1e4    # rad/s, more than any propeller's motor turns: such a number is none
 
 
 def px4_clock() -> SenderClock:
@@ -58,3 +63,29 @@ class OdometryConverter:
         if stamp is None:
             return None
         return odometry_message(stamp, self._pose.add(time, pose, counter))
+
+
+def measured_speeds(message: Any) -> list[float]:
+    """Speeds (rad/s) that the controllers of the motors report in an EscStatus, NaN for one that is not online."""
+    count = min(message.esc_count, len(message.esc))
+    return [_usable(RADIANS_PER_RPM * abs(message.esc[number].esc_rpm)) if message.esc_online_flags >> number & 1 else math.nan
+            for number in range(count)]
+
+
+def commanded_speeds(message: Any, full_speed: float) -> list[float]:
+    """Speeds (rad/s) that an ActuatorMotors commands, up to the last motor that is commanded.
+
+    A motor's speed is taken as proportional to its signal, which is the command where THR_MDL_FAC is 0, PX4's default.
+
+    Parameters:
+        message: the commands, 0 to 1, NaN for motors that stand still or do not exist
+        full_speed (rad/s): at a command of 1
+    """
+    commands = [abs(float(command)) for command in message.control]
+    last = max((number for number, command in enumerate(commands, 1) if math.isfinite(command)), default=0)
+    return [_usable(full_speed * command) if command <= 1.0 else math.nan if command > 1.0 else 0.0
+            for command in commands[:last]]
+
+
+def _usable(speed: float) -> float:
+    return speed if speed <= LARGEST else math.nan

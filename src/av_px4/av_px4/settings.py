@@ -9,7 +9,7 @@ from typing import Any
 from av_common.limited_axis import AxisLimits
 from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_px4.gimbal import ROLL_AND_PITCH_LOCK, AfterTakeover, GimbalSettings
-from av_px4.motors import RADIANS_PER_RPM
+from av_px4.odometry import RADIANS_PER_RPM
 
 MODE_NAME = 'AV Track'    # in the ground station
 GIMBAL_STOPS_S = 0.2      # time in which the gimbal's acceleration stops its fastest turn

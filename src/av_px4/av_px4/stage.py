@@ -37,8 +37,7 @@ from av_px4.guard import (
     Inputs,
 )
 from av_px4.handover import VehicleStatus
-from av_px4.motors import commanded_speeds, measured_speeds
-from av_px4.odometry import OdometryConverter
+from av_px4.odometry import OdometryConverter, commanded_speeds, measured_speeds
 from av_px4.settings import Px4Settings, px4_settings
 
 STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors')

@@ -15,8 +15,7 @@ from report_tracks import NOW, bearing, position
 
 from av_reports.contacts import Place
 from av_reports.cot.connection import LARGEST_DATAGRAM
-from av_reports.cot.encoder import bearing_event, error_ellipse, position_event, rig_event
-from av_reports.cot.stage import CotStage
+from av_reports.cot.stage import CotStage, bearing_event, error_ellipse, position_event, rig_event
 from av_reports.settings import CotSettings
 
 PLACE = Place(51.5, -0.12, 30.0, 1.5)

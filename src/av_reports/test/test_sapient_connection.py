@@ -19,7 +19,7 @@ from wire_decoder import dig, fields
 
 from av_reports import link as link_module
 from av_reports.link import Link, parse_peer
-from av_reports.sapient.connection import LARGEST_RECEIVED, connect
+from av_reports.sapient.output import LARGEST_RECEIVED, connect
 from av_reports.sapient.stage import SapientStage
 from av_reports.settings import SapientSettings
 

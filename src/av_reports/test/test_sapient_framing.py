@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from av_reports.sapient.connection import FrameReader, FramingError, frame
+from av_reports.sapient.output import FrameReader, FramingError, frame
 
 
 def test_the_length_is_little_endian():

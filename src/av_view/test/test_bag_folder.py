@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from av_view.bag_folder import BagFolder
+from av_view.nodes.rig_control import BagFolder
 
 
 @pytest.fixture

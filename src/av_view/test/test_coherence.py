@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from av_view.coherence import Coherence
+from av_view.spectrum import Coherence
 
 RATE, BLOCK = 48_000, 1536
 

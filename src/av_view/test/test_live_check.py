@@ -23,8 +23,8 @@ from av_common.stamps import to_stamp
 from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.formula_rig import CENTRE, FOCAL, HEIGHT, WIDTH
 from av_evaluation.faults.matrix import turning_rig
+from av_view.doctor.cameras import draw_marker, find_marker
 from av_view.doctor.live import LiveCheck
-from av_view.doctor.marker import draw_marker, find_marker
 from av_vision.messages import image_message
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'

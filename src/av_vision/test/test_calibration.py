@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from av_common.camera import PinholeCamera
-from av_vision.calibration import load_calibration
+from av_vision.nodes.camera_node import load_calibration
 
 DISTORTED = PinholeCamera(640, 480, 450.0, 455.0, 322.0, 238.0, (-0.28, 0.09, 0.001, -0.0007, -0.01))
 

@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
+from array import array
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import QosDurability, QosReliability
 from rosidl_runtime_py.utilities import get_message
+from sensor_msgs.msg import CompressedImage, Image
 
 from av_bags.background_writer import BackgroundWriter
-from av_bags.image_compression import compress
 from av_bags.nodes.recorder_node_parameters import recorder_node as parameters
 from av_bags.writer import DEFAULT_QOS
 from av_common.launched import restarts
 from av_common.node import RigNode, run
+from av_vision.messages import encoding_of, image_from_message
 
 DISCOVERY_PERIOD_S = 0.2
 JPEG_QUALITY = 95  # of compressed images
 # For the messages that arrive while another callback runs; of images some 10 MB.
 QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10
+
+
+def compress(data: bytes, quality: int) -> bytes:
+    """Compress a serialised Image to a serialised CompressedImage with the format string of image_transport.
+
+    Parameters:
+        data: an Image in CDR; 8-bit pixels become JPEG, 16-bit pixels lossless PNG.
+        quality: quality of JPEG, 1 to 100.
+
+    Raises ValueError for pixels of other types, which neither format can hold, and for unreadable images.
+    """
+    message = deserialize_message(data, Image)
+    image = image_from_message(message)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f'images of encoding {message.encoding} cannot be compressed; record them raw')
+    kind, name = 'jpeg' if image.dtype == np.uint8 else 'png', encoding_of(image)
+    _, encoded = cv2.imencode(f'.{kind}', image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return bytes(serialize_message(CompressedImage(
+        header=message.header, format=f'{name}; {kind} compressed {name}', data=array('B', encoded.tobytes()))))
 
 
 class RecorderNode(RigNode):

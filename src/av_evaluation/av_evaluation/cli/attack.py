@@ -22,9 +22,8 @@ from itertools import count
 from pathlib import Path
 
 from av_evaluation.attack.judges import Findings
-from av_evaluation.attack.messages import connected
+from av_evaluation.attack.messages import Worker, WorkerError, connected
 from av_evaluation.attack.observer import Observer
-from av_evaluation.attack.worker import Worker, WorkerError
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')

@@ -12,8 +12,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
-from av_bags.converters import AudioLayout
-from av_bags.pcm import FORMATS
+from av_bags.converters import FORMATS, AudioLayout
 from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter

@@ -1,16 +1,152 @@
-"""Tracks in, events of Cursor on Target out."""
+"""Tracks in, events of Cursor on Target out (MITRE MTR 04W0000087, schema 2.0), as XML."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from datetime import datetime, timezone
+from xml.etree import ElementTree as ET
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack
-from av_reports.cot.encoder import bearing_event, position_event, rig_event
+import numpy as np
+
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
 from av_reports.identifiers import ObjectIds
 from av_reports.settings import CotSettings
 
 RIG_INTERVAL_S = 10.0  # between two events of the rig
+UNKNOWN_M = 9999999.0  # by convention of the schema
+COVERED_SIGMA = 2.0  # to each side of a bearing that is drawn
+NARROWEST_DEG = 1.0  # of a drawn sector
+SENSOR_TYPE = 'b-m-p-s-p-loc'  # a sensor with its field of view
+HOW_FUSED, HOW_GNSS, HOW_ESTIMATED = 'm-f', 'm-g', 'h-e'
+
+
+def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: float) -> bytes:
+    """The event of a target with a position.
+
+    `ce` and `le` are standard deviations, as the schema defines them; the ellipse of one standard deviation is in `shape`.
+
+    Parameters:
+        track: the target.
+        uid: of the target.
+        settings: types and times.
+        now (s): UTC since 1970.
+    """
+    east_sigma, north_sigma, up_sigma = track.sigma
+    point = (track.latitude, track.longitude, track.altitude, math.hypot(east_sigma, north_sigma) / math.sqrt(2.0), up_sigma)
+    event, detail = _event(uid, settings.target_type, HOW_FUSED, point, (now, min(track.time, now), now + settings.stale))
+    _contact(detail, f'{settings.callsign} {track.id}', _words(track))
+    east, north, up = track.velocity
+    speed = math.hypot(east, north)
+    ET.SubElement(detail, 'track', course=_number(compass_deg(math.atan2(east, north), 1), 1), speed=_number(speed, 2),
+                  slope=_number(math.degrees(math.atan2(up, speed)), 1))
+    major, minor, angle = error_ellipse(np.array(track.covariance)[:2, :2])
+    ET.SubElement(ET.SubElement(detail, 'shape'), 'ellipse', major=_number(major, 2), minor=_number(minor, 2),
+                  angle=_number(angle, 1))
+    return _serialised(event)
+
+
+def rig_event(place: Place, settings: CotSettings, now: float, surveyed: bool = True) -> bytes:
+    """The event of the rig itself.
+
+    Parameters:
+        place: where it stands.
+        settings: types and times.
+        now (s): UTC since 1970.
+        surveyed: whether the place was given by a person, rather than measured.
+    """
+    event, detail = _event(settings.uid, settings.rig_type, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
+                           (now, now, now + settings.rig_stale))
+    _contact(detail, settings.callsign)
+    return _serialised(event)
+
+
+def bearing_event(track: BearingTrack, place: Place, uid: str, settings: CotSettings, now: float) -> bytes:
+    """The event of a target of which only the direction is known: a sensor at the rig's place that looks there.
+
+    Parameters:
+        track: the target.
+        place: where the rig stands.
+        uid: of the target.
+        settings: types and times.
+        now (s): UTC since 1970.
+    """
+    event, detail = _event(uid, SENSOR_TYPE, HOW_FUSED, _point(place), (now, min(track.time, now), now + settings.stale))
+    _contact(detail, f'{settings.callsign} {track.id}', _words(track))
+    _sensor(detail, track, settings)
+    return _serialised(event)
+
+
+def error_ellipse(covariance: np.ndarray) -> tuple[float, float, float]:
+    """Semi-axes (m) of the ellipse of one standard deviation, and the angle (deg) of the longer one, clockwise from north.
+
+    Parameters:
+        covariance (m^2, (2, 2)): of east and north.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    east, north = vectors[:, 1]
+    minor, major = np.sqrt(np.maximum(values, 0.0))
+    return float(major), float(minor), math.degrees(math.atan2(east, north)) % 180.0
+
+
+def _event(uid: str, kind: str, how: str, point: tuple[float, ...], times: tuple[float, float, float]
+           ) -> tuple[ET.Element, ET.Element]:
+    """An event and its empty detail; `times` are those of time, start and stale."""
+    time, start, stale = map(_time, times)
+    event = ET.Element('event', version='2.0', uid=_text(uid), type=_text(kind), how=how, time=time, start=start, stale=stale)
+    latitude, longitude, altitude, circular, linear = point
+    ET.SubElement(event, 'point', lat=_number(latitude, 7), lon=_number(longitude, 7), hae=_number(altitude, 2),
+                  ce=_number(circular, 1), le=_number(linear, 1))
+    return event, ET.SubElement(event, 'detail')
+
+
+def _point(place: Place) -> tuple[float, ...]:
+    error = place.sigma if math.isfinite(place.sigma) else UNKNOWN_M
+    return place.latitude, place.longitude, place.altitude, error, error
+
+
+def _contact(detail: ET.Element, callsign: str, remarks: str = '') -> None:
+    ET.SubElement(detail, 'contact', callsign=_text(callsign))
+    if remarks:
+        ET.SubElement(detail, 'remarks').text = remarks
+
+
+def _sensor(detail: ET.Element, track: BearingTrack, settings: CotSettings) -> None:
+    sector = max(math.degrees(2.0 * COVERED_SIGMA * track.azimuth_sigma), NARROWEST_DEG)
+    sensor = ET.SubElement(detail, 'sensor', azimuth=_number(compass_deg(track.azimuth, 1), 1),
+                           fov=_number(min(sector, 360.0), 1), range=_number(settings.sensor_range, 0), roll='0.0',
+                           displayMagneticReference='0', model=_text(settings.callsign))
+    if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):
+        height = max(math.degrees(2.0 * COVERED_SIGMA * track.elevation_sigma), NARROWEST_DEG)
+        sensor.set('elevation', _number(math.degrees(track.elevation), 1))
+        sensor.set('vfov', _number(min(height, 180.0), 1))
+
+
+def _words(track: BearingTrack | PositionTrack) -> str:
+    """What people read of a target."""
+    drone = f', drone {track.drone_probability:.2f}' if math.isfinite(track.drone_probability) else ''
+    return _text(f'{track.class_id or "unknown"}, existence {track.existence:.2f}{drone}')
+
+
+def _time(seconds: float) -> str:
+    moment = datetime.fromtimestamp(seconds, timezone.utc)
+    return f'{moment:%Y-%m-%dT%H:%M:%S}.{moment.microsecond // 1000:03d}Z'
+
+
+def _number(value: float, digits: int) -> str:
+    if not math.isfinite(value):
+        raise ValueError(f'{value} has no place in an event')
+    return f'{value:.{digits}f}'
+
+
+def _text(words: str) -> str:
+    """A text without the characters that XML 1.0 cannot hold."""
+    return ''.join(letter for letter in words if letter in '\t\n' or ' ' <= letter < '\ud800' or '\ue000' <= letter < '\ufffe'
+                   or letter > '\uffff')
+
+
+def _serialised(event: ET.Element) -> bytes:
+    return ET.tostring(event, encoding='UTF-8', xml_declaration=True)
 
 
 class CotStage:

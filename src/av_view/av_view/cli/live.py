@@ -21,9 +21,9 @@ from vision_msgs.msg import Detection2DArray
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rig import Rig, detections_topic
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
+from av_view.doctor.cameras import draw_marker
 from av_view.doctor.finding import Finding
 from av_view.doctor.live import LiveCheck, Step
-from av_view.doctor.marker import draw_marker
 
 JUDGE_PERIOD_S = 0.5
 

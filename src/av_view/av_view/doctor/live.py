@@ -35,8 +35,8 @@ from av_fusion.measurement.odometry import pose_of
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
+from av_view.doctor.cameras import Marker, find_marker
 from av_view.doctor.finding import Finding
-from av_view.doctor.marker import Marker, find_marker
 from av_view.doctor.microphones import DIRECTIONS, claps, judge_order
 from av_vision.detections import Detections
 from av_vision.messages import detections_message, image_from_message

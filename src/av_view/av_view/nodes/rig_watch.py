@@ -19,10 +19,9 @@ from visualization_msgs.msg import MarkerArray
 
 from av_bags.definitions import deserialiser
 from av_common.frames import BASE_FRAME
-from av_common.guarded_node import check_size
+from av_common.guarded_node import Reader, check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
-from av_common.reader import Reader
 from av_common.refused_inputs import BAD_INPUT
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import LATEST_S, TfRotations
@@ -38,13 +37,12 @@ from av_interfaces.msg import (
     WorldTrackArray,
 )
 from av_view.camera_view import CameraView
-from av_view.coherence import Coherence
 from av_view.feed import Feed, row_of
 from av_view.markers import markers, world_markers
 from av_view.numbers import STALE_S
 from av_view.picture import RecentImages, jpeg_of
 from av_view.rig_state import RigState
-from av_view.spectrum import spectrum
+from av_view.spectrum import Coherence, spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'

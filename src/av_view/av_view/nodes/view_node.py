@@ -23,10 +23,9 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_common.refused_inputs import BAD_INPUT
 from av_view.access import Access, PrivateAddress
-from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.health import MOST_NODES, Health
-from av_view.nodes.rig_control import RigControl
+from av_view.nodes.rig_control import BagFolder, RigControl
 from av_view.nodes.view_node_parameters import view_node as parameters
 from av_view.picture import settle
 from av_view.server import ViewServer

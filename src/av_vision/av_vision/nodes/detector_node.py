@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,7 +20,6 @@ from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.drawing import draw
-from av_vision.latest import Latest
 from av_vision.messages import detections_from_message, image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.search import Pace
@@ -28,6 +27,41 @@ from av_vision.stage import make_detection_stage
 
 # Without an image for this long the diagnostics warn.
 STALE_S = 2.0
+Item = TypeVar('Item')
+
+
+class Latest(Generic[Item]):
+    """Holds only the newest item.
+
+    Attributes:
+        dropped: number of items that were replaced before they were taken.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._item: Item | None = None
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def put(self, item: Item) -> None:
+        """Set the newest item; never waits for the consumer."""
+        with self._changed:
+            self.dropped += self._item is not None
+            self._item = item
+            self._changed.notify()
+
+    def take(self) -> Item | None:
+        """Wait for an item and take it; None once closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._item is not None)
+            item, self._item = self._item, None
+            return None if self._closed else item
+
+    def close(self) -> None:
+        """End the consumer's wait."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
 
 
 class DetectorNode(RigNode):
