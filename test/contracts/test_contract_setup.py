@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
+from scipy.spatial.transform import Rotation
 from vehicle import Vehicle
 
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
-from av_evaluation.faults.formula_rig import START, Source, never
+from av_evaluation.faults.formula_rig import START, FormulaRig, Source, never
 from av_evaluation.faults.matrix import drone, named, title, turning, turning_rig
-from av_interfaces.msg import Bearing
+from av_interfaces.msg import Bearing, PointingCommand
 
 TOLD_S = 25.0
 
@@ -146,6 +147,33 @@ def test_nothing_moves_by_a_contradicted_bearing():
     vehicle.run(6.0)
     assert any(abs(command.yaw_rate) > 0.05 for command in vehicle.between(0.0, told))
     assert not any(command.yaw_rate for command in vehicle.between(told + 0.5))
+
+
+@pytest.mark.parametrize('array', ['pair', 'eight'])
+@pytest.mark.parametrize('faults', [Faults(frozen=True), Faults(stuck=True), Faults()], ids=title)
+def test_a_heading_that_does_not_follow_the_commands_is_told(faults, array):
+    """The body turns as it is commanded, after a drone that flies around; odometry shows none of it."""
+    vehicle, told = Vehicle([Source.at(35.0, 8.0, 11.0)], rig=FaultyRig, array=array, faults=faults), math.inf
+    while vehicle.rig.now < 20.0:
+        vehicle.run(0.1)
+        fault = vehicle.rig.stage.consistency.fault
+        assert fault is None or named(faults, fault), fault
+        told = min(told, vehicle.rig.now) if fault else told
+    assert vehicle.rig.followed(2.0) > 0.95 and math.degrees(vehicle.yaw[-1]) > 180.0
+    assert told == math.inf if faults == Faults() else told < 10.0
+    assert lies(vehicle.rig, min(told, 1.0) + 0.2) < 0.02 and lies(vehicle.rig, min(told, 20.0) + 0.2, in_world=True) < 0.02
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-6])
+def test_a_rig_that_stands_is_no_fault_unless_it_is_told_to_turn(noise):
+    """Where measured headings differ from message to message, the vehicle is held by somebody: nothing is wrong."""
+    rig = FormulaRig([drone(3)], attitude=lambda t: Rotation.from_euler('z', noise * math.sin(1e4 * t)))
+    for t in rig.steps(20.0):
+        if t > 10.0:
+            rig.stage.on_command(PointingCommand(move_body=True, yaw_rate=0.3), START + t)
+        assert t > 10.0 or rig.stage.consistency.fault is None
+    fault = rig.stage.consistency.fault
+    assert fault is None if noise else 'vehicle is held' in fault.text and not fault.is_certain
 
 
 def test_a_mended_rig_is_believed_again():

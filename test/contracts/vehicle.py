@@ -78,6 +78,7 @@ class Vehicle:
 
     def _take(self, command: PointingCommand, t: float) -> None:
         self._check(command, t)
+        self.rig.stage.on_command(command, START + t)
         self.commands.append((t, command))
 
     def _check(self, command: PointingCommand, t: float) -> None:

@@ -22,7 +22,8 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
-from av_fusion.consistency.monitor import ConsistencyMonitor, Fault
+from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
@@ -31,7 +32,16 @@ from av_fusion.observer import FusionObserver
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
-from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
+from av_interfaces.msg import (
+    AzimuthPosterior,
+    Bearing,
+    DoaArray,
+    FusionState,
+    GimbalState,
+    PointingCommand,
+    TrackArray,
+    Visibility,
+)
 
 DOA, DETECTIONS, ODOMETRY, GIMBAL = 'doa', 'detections', 'odometry', 'gimbal/state'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
@@ -168,6 +178,17 @@ class FusionStage:
         pose = pose_of(message)
         if pose is not None:
             self.tracker.add_pose(pose)
+
+    def on_command(self, message: PointingCommand, arrival: float) -> None:
+        """Note what the body is told, by which odometry is judged; bearings do not follow it.
+
+        Parameters:
+            message: the command.
+            arrival (s): time of its arrival.
+        """
+        self._follow_clock(arrival)
+        if self.consistency is not None:
+            self.consistency.add_command(arrival, message.yaw_rate if message.move_body else 0.0)
 
     def on_cue(self, message: PointStamped, arrival: float) -> None:
         """Decide between mirror images by a place where other rigs have a target; bearings become no more precise by it.

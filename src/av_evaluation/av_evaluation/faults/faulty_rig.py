@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, wrapped
+from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, vector, wrapped
 
 
 @dataclass
@@ -27,6 +27,8 @@ class Faults:
         yaw_sign: -1 for odometry that turns the wrong way.
         delay: added to each cosine, by a channel that is late.
         spacing, focal: true over described distance of the microphones, and focal length.
+        frozen: orientations in the odometry are the first one, while its rates go on.
+        stuck: orientations in the odometry are the first one, and its rates 0.
     """
 
     swapped: bool = False
@@ -39,6 +41,8 @@ class Faults:
     delay: float = 0.0
     spacing: float = 1.0
     focal: float = 1.0
+    frozen: bool = False
+    stuck: bool = False
 
 
 @dataclass
@@ -46,6 +50,7 @@ class FaultyRig(FormulaRig):
     """See `Faults`. Its camera is fixed on the body."""
 
     faults: Faults = field(default_factory=Faults)
+    _first: Any = None  # orientation
 
     def _rotation_of(self, frame: str, time: float) -> NDArray | None:
         described = super()._rotation_of(frame, time)
@@ -77,6 +82,11 @@ class FaultyRig(FormulaRig):
         elif kind == 'odometry' and wrong.yaw_sign < 0:
             message.pose.pose.orientation.z *= -1.0    # of a level rig
             message.twist.twist.angular.z *= -1.0
+        elif kind == 'odometry' and (wrong.frozen or wrong.stuck):
+            self._first = self._first or message.pose.pose.orientation
+            message.pose.pose.orientation = self._first
+            if wrong.stuck:
+                message.twist.twist.angular = vector(np.zeros(3))
         elif kind in ('detections', 'visibility') and wrong.late:
             message.header.stamp = to_stamp(to_seconds(message.header.stamp) + wrong.late)
             takes = max(takes, wrong.late + 0.02)

@@ -15,7 +15,8 @@ from av_common.config_reader import load
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
 from av_evaluation.faults.formula_rig import Source, unit
-from av_fusion.consistency.monitor import ConsistencyMonitor, Fault
+from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_simulator.config_files import find_config, shipped
 from av_simulator.scenario import Scenario
@@ -24,12 +25,13 @@ from av_simulator.scenario import Scenario
 NAMES = {'swapped': 'microphones are exchanged', 'camera_yaw_deg': 'camera is turned', 'mirrored': 'mirrored or upside down',
          'upside_down': 'mirrored or upside down', 'rolled_deg': 'camera is rolled', 'late': 'images are stamped',
          'yaw_sign': 'yaw of the odometry', 'delay': 'one channel is late', 'spacing': 'times as far apart',
-         'focal': 'focal length'}
+         'focal': 'focal length', 'frozen': 'heading is not known', 'stuck': 'heading of the odometry is frozen'}
 FOR_PAIR = ('swapped', 'delay', 'spacing')
 SINGLE = (Faults(swapped=True), Faults(camera_yaw_deg=15.0), Faults(camera_yaw_deg=-22.0), Faults(camera_yaw_deg=40.0),
           Faults(camera_yaw_deg=-90.0), Faults(camera_yaw_deg=180.0), Faults(mirrored=True), Faults(upside_down=True),
           Faults(rolled_deg=90.0), Faults(rolled_deg=-90.0), Faults(late=0.3), Faults(late=0.15), Faults(yaw_sign=-1),
-          Faults(delay=0.3), Faults(delay=-0.45), Faults(spacing=1.5), Faults(focal=0.8))
+          Faults(delay=0.3), Faults(delay=-0.45), Faults(spacing=1.5), Faults(focal=0.8),
+          Faults(frozen=True))
 SMALL = (Faults(camera_yaw_deg=6.0), Faults(late=0.08), Faults(delay=0.08), Faults(spacing=1.15), Faults(focal=0.9))
 TWO = (Faults(swapped=True, camera_yaw_deg=15.0), Faults(swapped=True, yaw_sign=-1),
        Faults(mirrored=True, camera_yaw_deg=-15.0), Faults(camera_yaw_deg=20.0, late=0.3),

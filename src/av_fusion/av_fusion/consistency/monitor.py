@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.track import Track
+from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.heading import HeadingWatch
 from av_fusion.consistency.setup_model import (
     ALONE,
     CAMERA_LATE,
@@ -119,25 +121,6 @@ MOST_HEARD = 2  # directions of a window that is evidence: of the target, and of
 MOST_WAITING = 400
 
 
-class Fault(NamedTuple):
-    """What is wrong with the description of the rig.
-
-    Parameters:
-        text: what is wrong, with its value.
-        mend: where it is mended.
-        probability: that the description is wrong.
-        is_certain: nothing should move by the bearing.
-    """
-
-    text: str
-    mend: str
-    probability: float
-    is_certain: bool
-
-    def __str__(self) -> str:
-        return f'{self.text} (probability {min(self.probability, 0.9999):.4f}): {self.mend}'
-
-
 class Belief(NamedTuple):
     """What is published of a target: the mixture of the hypotheses by their probabilities (Hoeting et al. 1999).
 
@@ -163,7 +146,8 @@ class ConsistencyMonitor:
     """Weighs what may be wrong with the set-up by sound and sight of one target, and by the rig's motion.
 
     Each of the `hypotheses` predicts the measurements by one model of the set-up; their likelihoods multiply. What no
-    measurement of the rig can show is a heading that is off by a constant, and its drift while one target moves.
+    measurement of the rig can show is a heading that is off by a constant, and its drift while one target moves. A heading
+    that is frozen shows in commanded turns and in the odometry's own rates.
 
     Attributes:
         fault: what is known to be wrong, None without; it stays until the description fits again.
@@ -179,6 +163,9 @@ class ConsistencyMonitor:
         self._waiting: list[tuple[float, CameraMeasurement | tuple[DoaMeasurement, ...]]] = []
         self._bank: FilterBank | None = None
         self._time = self._seen = self._heard = self._several = -math.inf
+        self._wrong: Fault | None = None  # by sound and sight
+        self._set_up = Belief()
+        self._heading = HeadingWatch(motion)
         self.fault: Fault | None = None
         self.belief = Belief()
         self._sights = False  # whether anything was seen
@@ -203,11 +190,21 @@ class ConsistencyMonitor:
         insort(self._waiting, (time, measurement), key=lambda one: one[0])
         del self._waiting[:-MOST_WAITING]
 
+    def add_command(self, time: float, yaw_rate: float) -> None:
+        """Note that the body is told to turn by a rate (rad/s) from `time` (s) on."""
+        self._heading.command(time, yaw_rate)
+
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns the fault that is known."""
-        bank = self._bank
-        if bank is None:
-            return None
+        if self._bank is not None:
+            self._weigh(self._bank, now)
+        heading = self._heading.check(now)
+        self.fault = self._wrong if heading is None or (self._wrong is not None and self._wrong.is_certain) else heading
+        self.belief = self._set_up._replace(in_world=self._set_up.in_world + self._heading.in_world)
+        return self.fault
+
+    def _weigh(self, bank: FilterBank, now: float) -> None:
+        """Weigh the hypotheses by what is older than LAG_S."""
         if now < self._time - GAP_S or self._motion.jumps != self._jumps:  # a clock or heading was set: the set-up is the same
             self._jumps = self._motion.jumps
             self._time = self._seen = self._heard = self._several = -math.inf
@@ -222,8 +219,7 @@ class ConsistencyMonitor:
                     self._hear(bank, time, measurement)
         self._decide(bank)
         if self._sights:
-            self.belief = self._believe(bank, now)
-        return self.fault
+            self._set_up = self._believe(bank, now)
 
     def _begin(self, is_pair: bool) -> None:
         bank = self._bank = FilterBank(hypotheses(is_pair))
@@ -288,9 +284,9 @@ class ConsistencyMonitor:
         if chance < SUSPECTED:
             likelihood = posterior / [h.prior for h in bank.hypotheses]
             named = [k for k in faults if likelihood[k] >= min(LEAST_NAMED * likelihood[1:].max(), likelihood[faults[0]])]
-            self.fault = self._fault_of(bank, named, wrong, chance < NAMED)
+            self._wrong = self._fault_of(bank, named, wrong, chance < NAMED)
         elif chance > 1.0:
-            self.fault = None
+            self._wrong = None
 
     def _believe(self, bank: FilterBank, now: float) -> Belief:
         """What is published of a bearing at `now` (s): while nothing is seen, bearings are off by as much as when it was."""
@@ -303,7 +299,7 @@ class ConsistencyMonitor:
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""
         parts = _parts(bank.hypotheses[named[0]])
-        certain = not all(part.is_mild for part in parts) and (is_sure or (self.fault is not None and self.fault.is_certain))
+        certain = not all(part.is_mild for part in parts) and (is_sure or (self._wrong is not None and self._wrong.is_certain))
         kinds = [frozenset(_parts(bank.hypotheses[number])) for number in named]  # of which none has all parts of another one
         told = [number for k, number in enumerate(named) if not any(kind <= kinds[k] for kind in kinds[:k])]
         mends = (', and '.join(part.mend for part in _parts(bank.hypotheses[number])) for number in told)

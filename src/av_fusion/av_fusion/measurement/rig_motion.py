@@ -85,6 +85,10 @@ class RigMotion:
     Where the attitude jumps although the rates do not show it, the estimator has corrected itself: the history is turned into
     the corrected world, and `add` returns that rotation.
 
+    Attributes:
+        jumps: number of jumps.
+        is_frozen: the attitude does not follow its own rates; until it turns again, so that it is so between two turns, too.
+
     Parameters:
         keep_s (s): length of the history.
     """
@@ -100,6 +104,7 @@ class RigMotion:
         self._stored: list[_Stored] = []
         self._last = Pose(-math.inf)
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
+        self.is_frozen = False
         self._jumped, self._jump = -math.inf, ''
 
     def add(self, pose: Pose) -> Rows | None:
@@ -168,6 +173,8 @@ class RigMotion:
         kept = math.exp(-dt / KNOWN_S)
         self._turn_by_rates = kept * self._turn_by_rates + math.sqrt(dot(by_rates, by_rates))
         self._turn = kept * self._turn + math.sqrt(dot(step, step))
+        stands = self._turn < FROZEN_SHARE * max(self._turn_by_rates, FROZEN_RAD)
+        self.is_frozen = stands and (self.is_frozen or self._turn_by_rates > FROZEN_RAD)
         expected = product(quaternion_of(by_rates), last.attitude)
         change = product(pose.attitude, inverse(expected))
         angle = vector_of(change)
@@ -195,17 +202,13 @@ class RigMotion:
 
     def is_known(self, time: float) -> bool:
         """Whether the attitude at `time` (s) is known: poses reach up to it, and are alive."""
-        return time - self.newest <= KNOWN_S and not self._is_frozen
-
-    @property
-    def _is_frozen(self) -> bool:
-        return self._turn_by_rates > FROZEN_RAD and self._turn < FROZEN_SHARE * self._turn_by_rates
+        return time - self.newest <= KNOWN_S and not self.is_frozen
 
     def problem(self, time: float) -> str:
         """What is wrong with the poses at `time` (s), empty without a problem."""
         if self._times and time - self.newest > KNOWN_S:
             return f'odometry stopped {time - self.newest:.1f} s ago: the rig counts as level, at its last heading'
-        if self._is_frozen:
+        if self.is_frozen:
             return 'odometry is frozen: the attitude does not follow its own rates'
         if 0.0 <= time - self._jumped < NOTICED_S:
             return f'odometry jumped in {self._jump} ({self.jumps} times)'

@@ -26,7 +26,17 @@ from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
 from av_fusion.stage import GIMBAL, RATE_HZ, FusionOutput, make_fusion_stage
-from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, RigReport, TrackArray, Visibility
+from av_interfaces.msg import (
+    AzimuthPosterior,
+    Bearing,
+    DoaArray,
+    FusionState,
+    GimbalState,
+    PointingCommand,
+    RigReport,
+    TrackArray,
+    Visibility,
+)
 from av_interfaces.srv import SelectTarget
 
 POSTERIOR_PERIOD_S = 0.1
@@ -68,6 +78,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_subscription, GimbalState, GIMBAL, self._on_gimbal, STREAM)
+        self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
         if self._settings.use_cues:
             self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
@@ -102,6 +113,9 @@ class FusionNode(RigNode):
 
     def _on_gimbal(self, message: GimbalState) -> None:
         self._publish(self._stage.on_gimbal(message, self.now()))
+
+    def _on_command(self, message: PointingCommand) -> None:
+        self._stage.on_command(message, self.now())
 
     def _on_cue(self, message: PointStamped) -> None:
         self._stage.on_cue(message, self.now())
