@@ -14,6 +14,7 @@ from av_reports.identifiers import is_uuid, kept_uuid
 from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
 
+SENSOR_RANGE_M = 500.0  # length of a drawn bearing; that of the target is not known
 SURVEYED_SIGMA_M = 5.0  # of a place along each axis, as a map or a receiver without corrections gives it
 CLASSES = {  # of this suite: class and sub-class of the standard's taxonomy
     'drone': ('Air Vehicle', 'UAV Rotary Wing'), 'airplane': ('Air Vehicle', 'Manned Fixed Wing'),
@@ -24,27 +25,15 @@ UNKNOWN_CLASS = 'Unknown'
 
 @dataclass(frozen=True)
 class CotSettings:
-    """Settings of the events.
+    """Names in the events.
 
     Parameters:
         uid: names this rig; the uid of each target begins with it.
         callsign: what users of TAK read beside the rig's marker.
-        target_type: type of targets with a position, such as a-u-A-M-H-Q: unknown, air, military, rotary wing, drone.
-        rig_type: type of the rig's own marker, such as a-f-G-E-S: friendly, ground, equipment, sensor.
-        stale (s): time after which an event of a target is no longer shown.
-        rig_stale (s): the same of the rig's own marker.
-        interval (s): time between two events of a target.
-        sensor_range (m): length of a drawn bearing; that of the target is not known.
     """
 
     uid: str
     callsign: str = 'rig'
-    target_type: str = 'a-u-A-M-H-Q'
-    rig_type: str = 'a-f-G-E-S'
-    stale: float = 10.0
-    rig_stale: float = 120.0
-    interval: float = 1.0
-    sensor_range: float = 500.0
 
 
 @dataclass(frozen=True)

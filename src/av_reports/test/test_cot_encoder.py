@@ -19,7 +19,7 @@ from av_reports.cot.stage import CotStage, bearing_event, error_ellipse, positio
 from av_reports.settings import CotSettings
 
 PLACE = Place(51.5, -0.12, 30.0, 1.5)
-SETTINGS = CotSettings('rig-1', 'mast', sensor_range=400.0)
+SETTINGS = CotSettings('rig-1', 'mast')
 DETAIL = {'contact', 'remarks', 'track', 'shape', 'sensor'}
 
 
@@ -89,7 +89,7 @@ def test_due_north_is_zero(azimuth):
 def test_a_bearing_is_a_sector():
     event = read(bearing_event(bearing(), PLACE, 'rig-1.3', SETTINGS, NOW))
     sensor = values(event['details']['sensor'])
-    assert sensor == {'azimuth': 300.0, 'fov': 8.0, 'elevation': 12.0, 'vfov': 16.0, 'range': 400.0, 'roll': 0.0,
+    assert sensor == {'azimuth': 300.0, 'fov': 8.0, 'elevation': 12.0, 'vfov': 16.0, 'range': 500.0, 'roll': 0.0,
                       'displayMagneticReference': 0.0}
 
 

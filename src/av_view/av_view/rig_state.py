@@ -19,7 +19,7 @@ from av_common.angles import wrap
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
 from av_common.track import Source, State
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.measurement.vectors import angles
 from av_pointing.controller import Mode
 from av_view.camera_view import CameraView
@@ -61,7 +61,6 @@ class RigState:
         self._fusion: Any = None
         self._doa: Any = None
         self._detections: Any = None
-        self._sight: CameraMeasurement | None = None
         self._tracks: Any = None
         self._command: Any = None
         self._heading: float | None = None
@@ -115,15 +114,10 @@ class RigState:
         """
         self._picture = (time, size, detections)
 
-    def on_detections(self, message: Any, measurement: CameraMeasurement | None) -> None:
-        """Take a `Detection2DArray`. Raises ValueError for an impossible stamp.
-
-        Parameters:
-            message: the message.
-            measurement: its detections as bearings, None where the camera is unknown.
-        """
+    def on_detections(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take a `Detection2DArray`. Raises ValueError for an impossible stamp."""
         to_seconds(message.header.stamp)
-        self._detections, self._sight = message, measurement
+        self._detections = message
 
     def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a `TrackArray`. Raises ValueError for an impossible stamp."""
@@ -189,10 +183,8 @@ class RigState:
         return {
             'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': sigma,
             'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
-            'elevation_sigma': _sigma(message.elevation_variance),
             'azimuth_world': degrees(message.azimuth_world) if message.attitude_known else None,
-            'rate_world': degrees(message.azimuth_world_rate), 'range': number(message.range),
-            'range_sigma': number(math.sqrt(max(message.range_variance, 0.0))), 'source': _sources(message.source),
+            'range': number(message.range), 'source': _sources(message.source),
             'probability': number(message.hemisphere_probability, 3), 'resolved': bool(message.resolved),
             'turn': degrees(message.requested_rotation),
             'look': degrees(message.look_azimuth) if message.look_requested else None,
@@ -240,15 +232,14 @@ class RigState:
         return {
             'reason': message.reason[:LONGEST_TEXT], 'missing': [name[:LONGEST_TEXT] for name in message.missing[:10]],
             'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence),
-            'sound_weight': number(message.sound_weight), 'sight_weight': number(message.sight_weight),
-            'visibility': number(message.visibility), 'front': number(message.front_probability, 3)}
+            'front': number(message.front_probability, 3)}
 
     def _sound_part(self, now: float) -> dict[str, Any] | None:
         if self._doa is None or now - to_seconds(self._doa.header.stamp) > STALE_S:
             return None
         groups = [{'confidence': number(doa.confidence), 'images': [self._image(image) for image in doa.hypotheses]}
                   for doa in self.sound]
-        return {'level': number(self._doa.level, 1), 'method': self._doa.method[:LONGEST_TEXT], 'groups': groups,
+        return {'level': number(self._doa.level, 1), 'groups': groups,
                 'confidence': groups[0]['confidence'] if groups else 0.0,
                 'age': number(now - to_seconds(self._doa.header.stamp))}
 
@@ -261,8 +252,7 @@ class RigState:
         if message is None or now - to_seconds(message.header.stamp) > STALE_S:
             return None
         boxes = [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]
-        return {'boxes': boxes, 'age': number(now - to_seconds(message.header.stamp)),
-                'visibility': number(self._sight.visibility) if self._sight else None}
+        return {'boxes': boxes, 'age': number(now - to_seconds(message.header.stamp))}
 
     def _seen(self, detection: Any) -> dict[str, Any]:
         middle, best = detection.bbox.center.position, _best(detection)
@@ -287,7 +277,7 @@ class RigState:
         return {
             'id': int(track.id), 'name': track.class_id[:LONGEST_NAME], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
-            'sigma': _sigma(track.covariance_world[0] / level**2), 'existence': number(track.existence),
+            'sigma': _sigma(track.covariance_world[0] / level**2),
             'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
             'resolved': bool(track.resolved), 'selected': selected,
             'point': self.camera.point(track.azimuth, track.elevation) if self.camera else None}

@@ -11,7 +11,7 @@ from view_messages import CAMERA, NOW, bearing, heard, pose, seen
 from vision_msgs.msg import Detection2DArray
 
 from av_common.stamps import to_stamp
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
+from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
 from av_view.feed import COLUMNS, row_of
 from av_view.rig_state import RigState
@@ -50,7 +50,7 @@ def test_boxes_are_shares_of_the_picture_with_their_azimuths():
     state = RigState()
     state.camera = CAMERA
     detections = seen(319.5, 239.5)
-    state.on_detections(detections, CameraMeasurement(NOW, ()))
+    state.on_detections(detections)
     assert state.snapshot(NOW)['picture'] is None
     state.on_picture(NOW - 0.1, (640, 480), detections)
     (box,), (direction,) = (state.snapshot(NOW)[part]['boxes'] for part in ('picture', 'sight'))
@@ -92,7 +92,7 @@ def test_rows_hold_what_diagrams_show():
     state.camera = CAMERA
     state.on_doa(*heard())
     state.on_bearing(bearing(), NOW)
-    state.on_detections(seen(319.5, 239.5), None)
+    state.on_detections(seen(319.5, 239.5))
     row = dict(zip(COLUMNS, row_of(state.snapshot(NOW)), strict=True))
     assert (row['sound'], row['mirror'], row['sight']) == pytest.approx((5.7, 174.3, 0.0), abs=0.06)
     assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None
@@ -149,7 +149,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
                  [DoaMeasurement(NOW, (Hypothesis(value, value),) * 2, value)])
     state.on_fusion(FusionState(sound_confidence=value, visibility=value, front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
-    state.on_detections(seen(value, value, value, value, value), None)
+    state.on_detections(seen(value, value, value, value, value))
     state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))
     state.on_spectrum([0.0], value)
     state.on_truth('rig', pose(0.0, 0.0, 0.0))
@@ -163,7 +163,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
 
 @pytest.mark.parametrize('name', ['on_doa', 'on_detections', 'on_tracks', 'on_command'])
 def test_impossible_stamps_are_refused(name):
-    kind, more = {'on_doa': (DoaArray, [()]), 'on_detections': (Detection2DArray, [None]), 'on_tracks': (TrackArray, []),
+    kind, more = {'on_doa': (DoaArray, [()]), 'on_detections': (Detection2DArray, []), 'on_tracks': (TrackArray, []),
                   'on_command': (PointingCommand, [])}[name]
     message = kind()
     message.header.stamp.sec = -5

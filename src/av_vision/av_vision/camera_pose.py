@@ -80,12 +80,6 @@ class AttitudeHistory:
         return quat2mat(later[1]) if later is not None and later[0] - time <= LATEST_S else None
 
 
-def direction(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Unit vector (3,) in a frame with x forward, y left, z up, of angles in rad."""
-    level = np.cos(elevation)
-    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
-
-
 def pixel_of(vector: ArrayLike, rotation: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64] | None:
     """Where a direction (3,) is in the image (2,), None where it is outside.
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vision_msgs.msg import Detection2DArray
 
+from av_common.angles import angles_to_direction
 from av_common.camera import PinholeCamera
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
-from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
+from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
@@ -161,7 +162,7 @@ def cue_of_bearing(message: Bearing, pose: CameraPose) -> BearingCue | None:
     angles = (message.azimuth, message.elevation) if rotation is pose.to_body else \
         (message.azimuth_world, message.elevation_world)
     known = 0.0 <= message.elevation_variance < math.inf
-    pixel = pixel_of(direction(angles[0], angles[1] if known else 0.0), rotation, pose.camera)
+    pixel = pixel_of(angles_to_direction(angles[0], angles[1] if known else 0.0), rotation, pose.camera)
     if pixel is None:
         return None
     sigma = np.sqrt([message.azimuth_variance, message.elevation_variance if known else math.inf])

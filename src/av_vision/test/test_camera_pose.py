@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from transforms3d.quaternions import mat2quat
 
+from av_common.angles import angles_to_direction
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
-from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of, turned
+from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of, turned
 
 CAMERA = PinholeCamera(640, 480, 457.0, 457.0, 319.5, 239.5, (-0.08, 0.02, 0.0005, -0.0003, 0.0))
 MOUNT = rotation_from_rpy(0.0, -0.2, 0.1) @ FLU_TO_OPTICAL.T
@@ -50,9 +51,9 @@ def test_attitudes_are_interpolated_and_not_extrapolated_for_long():
 
 def test_directions_are_in_the_image_where_the_camera_sees_them():
     rotation = rotation_from_rpy(0.0, 0.0, 0.5) @ FLU_TO_OPTICAL.T  # level, 0.5 rad to the left
-    assert pixel_of(direction(0.5, 0.0), rotation, CAMERA) == pytest.approx([CAMERA.cx, CAMERA.cy], abs=1e-6)
-    left_and_up = pixel_of(direction(0.6, 0.1), rotation, CAMERA)
+    assert pixel_of(angles_to_direction(0.5, 0.0), rotation, CAMERA) == pytest.approx([CAMERA.cx, CAMERA.cy], abs=1e-6)
+    left_and_up = pixel_of(angles_to_direction(0.6, 0.1), rotation, CAMERA)
     assert left_and_up[0] < CAMERA.cx
     assert left_and_up[1] < CAMERA.cy
-    assert pixel_of(direction(0.5 + np.pi, 0.0), rotation, CAMERA) is None
-    assert pixel_of(direction(1.8, 0.0), rotation, CAMERA) is None
+    assert pixel_of(angles_to_direction(0.5 + np.pi, 0.0), rotation, CAMERA) is None
+    assert pixel_of(angles_to_direction(1.8, 0.0), rotation, CAMERA) is None

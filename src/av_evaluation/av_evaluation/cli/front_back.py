@@ -12,14 +12,12 @@ when the bearing is nearer to the mirrored direction, or has an error of more th
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import repeat
-from pathlib import Path
 
 import numpy as np
 
@@ -164,17 +162,12 @@ def main(arguments: list[str] | None = None) -> int:
     until = 'see and resolve' if options.seen else 'resolve'
     print(f'{len(starts)} starts behind the rig (seed {options.seed}), 0-20 dB, up to 20 deg/s; time to {until} (s)')
     print(f'{"":<11}{"wrong":>8}{"unresolved":>12}{"median":>8}{"95 %":>7}{"longest":>9}')
-    figures, resolutions = {}, {}
+    figures = {}
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         for method in methods:
-            resolutions[method] = list(pool.map(resolve, starts, repeat(method), repeat(options.seen), chunksize=4))
-            figures[method] = f = summarise(resolutions[method])
+            figures[method] = f = summarise(list(pool.map(resolve, starts, repeat(method), repeat(options.seen), chunksize=4)))
             print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["unresolved"]:>10.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'
                   f'{f["longest"]:>9.2f}   {METHODS[method]}', flush=True)
-    if options.out:
-        options.out.write_text(json.dumps({'figures': figures, 'starts': [
-            {**asdict(start), **{method: asdict(results[k]) for method, results in resolutions.items()}}
-            for k, start in enumerate(starts)]}, indent=1) + '\n')
     ours = figures.get('planned')
     if options.seen:
         missed = _missed_by_gimbal(figures.get('planned'), figures.get('gimbal'))
@@ -209,6 +202,5 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--methods', nargs='+', choices=METHODS,
                         help='to compare; with --seen planned and gimbal, else all but gimbal')
     parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
-    parser.add_argument('--out', type=Path, help='JSON file for every start and its results')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -43,37 +42,21 @@ UNKNOWN_ELEVATION = 0.15, 0.2  # rad, mean and standard deviation, where a pair 
 PLACES = [0, 2, 4]  # of the vector in the state
 START = datetime(2026, 1, 1)
 USED = 0.1  # probability of an association from which a detection begins no track
-
-
-@dataclass(frozen=True)
-class StoneSoupTuning:
-    """Tuning by the lowest mean GOSPA over `crossing` and `swarm_5` (seed 101), one parameter after the other.
-
-    Searched were noise 0.0001 to 0.1, rate_sigma 0.1 to 0.3, heard 0.6 to 0.95, lost_sigma 8 to 20 deg.
-
-    Parameters:
-        noise (1/s^3): density of the acceleration of each coordinate.
-        rate_sigma (1/s): prior standard deviation of the rate of each coordinate.
-        heard, seen: detection probabilities.
-        points: measurements until a track counts.
-        score: least score of detections that are used.
-        lost_sigma (rad): standard deviation from which a track ends.
-    """
-
-    noise: float = 0.0001
-    rate_sigma: float = 0.1
-    heard: float = 0.6
-    seen: float = 0.8
-    points: int = 3
-    score: float = 0.5
-    lost_sigma: float = math.radians(9.0)
+# Tuning by the lowest mean GOSPA over `crossing` and `swarm_5` (seed 101), one value after the other. Searched were noise
+# 0.0001 to 0.1, the sigma of rates 0.1 to 0.3, the probability of hearing 0.6 to 0.95, the lost sigma 8 to 20 deg.
+NOISE = 0.0001  # 1/s^3, density of the acceleration of each coordinate
+RATE_SIGMA = 0.1  # 1/s, prior, of the rate of each coordinate
+HEARD, SEEN = 0.6, 0.8  # detection probabilities
+POINTS = 3  # measurements until a track counts
+LEAST_SCORE = 0.5  # of detections that are used
+LOST_SIGMA = math.radians(9.0)  # at which a track ends
 
 
 class _Sensors:
     """Measurements of a scan as detections of Stone Soup."""
 
-    def __init__(self, model: SensorModel, tuning: StoneSoupTuning) -> None:
-        self.model, self.tuning = model, tuning
+    def __init__(self, model: SensorModel) -> None:
+        self.model = model
         self._overlap = max(model.window * model.sound_rate, 1.0)
         length = math.sqrt(math.tau) * RADIAL
         self.sound_clutter = max(model.sound_clutter, 0.05) / (SKY * length)
@@ -86,7 +69,7 @@ class _Sensors:
 
     def seen(self, scan: Scan) -> set[Any]:
         found = scan.image.detections if scan.image is not None else ()
-        return {self._detection(detection, scan.time, 3.0) for detection in found if detection.score >= self.tuning.score}
+        return {self._detection(detection, scan.time, 3.0) for detection in found if detection.score >= LEAST_SCORE}
 
     def in_view(self, state: Any) -> bool:
         x, y, z = (float(state.mean[place, 0]) for place in PLACES)
@@ -106,8 +89,8 @@ class _Sensors:
                          measurement_model=LinearGaussian(6, PLACES, noise))
 
 
-def _motion(tuning: StoneSoupTuning) -> Any:
-    return KalmanPredictor(CombinedLinearGaussianTransitionModel([ConstantVelocity(tuning.noise)] * 3))
+def _motion() -> Any:
+    return KalmanPredictor(CombinedLinearGaussianTransitionModel([ConstantVelocity(NOISE)] * 3))
 
 
 class StoneSoupJpda:
@@ -115,20 +98,18 @@ class StoneSoupJpda:
 
     Parameters:
         model: of the sensors.
-        tuning: see `StoneSoupTuning`.
     """
 
-    def __init__(self, model: SensorModel, tuning: StoneSoupTuning | None = None) -> None:
-        tuning = tuning or StoneSoupTuning()
-        self._sensors, self._tracks = _Sensors(model, tuning), set[Any]()
-        predictor, self._updater = _motion(tuning), KalmanUpdater()
+    def __init__(self, model: SensorModel) -> None:
+        self._sensors, self._tracks = _Sensors(model), set[Any]()
+        predictor, self._updater = _motion(), KalmanUpdater()
         self._sound, self._sight = (
             JPDAwithLBP(PDAHypothesiser(predictor, self._updater, clutter, detected, prob_gate=0.999))
-            for clutter, detected in ((self._sensors.sound_clutter, tuning.heard), (self._sensors.sight_clutter, tuning.seen)))
-        self._deleter = CovarianceBasedDeleter(2.0 * tuning.lost_sigma**2, mapping=PLACES)
+            for clutter, detected in ((self._sensors.sound_clutter, HEARD), (self._sensors.sight_clutter, SEEN)))
+        self._deleter = CovarianceBasedDeleter(2.0 * LOST_SIGMA**2, mapping=PLACES)
         nearest = GlobalNearestNeighbour(DistanceHypothesiser(predictor, self._updater, Mahalanobis(), missed_distance=3.0))
-        prior = GaussianState([0.0] * 6, np.diag([1.0, tuning.rate_sigma**2] * 3))
-        self._initiator = MultiMeasurementInitiator(prior, self._deleter, nearest, self._updater, min_points=tuning.points)
+        prior = GaussianState([0.0] * 6, np.diag([1.0, RATE_SIGMA**2] * 3))
+        self._initiator = MultiMeasurementInitiator(prior, self._deleter, nearest, self._updater, min_points=POINTS)
 
     def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
         """See `Peer`."""

@@ -23,7 +23,6 @@ from av_evaluation.runs.runs import run_case
 Work = Callable[[argparse.Namespace], int]
 Group = TypeVar('Group', bound=Hashable)
 Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the last one
-PERIOD_S = 0.2  # between changes of the line on a terminal
 
 
 def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report = lambda done, total, text: None
@@ -72,7 +71,7 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report
 
 
 class Progress:
-    """What is done: in place on a terminal, else a line for each run, or for each tenth of one.
+    """What is done, on standard error: a line for each tenth.
 
     Parameters:
         unit: of what is counted: `runs`, or `s` of one run.
@@ -82,8 +81,7 @@ class Progress:
     def __init__(self, unit: str = 'runs', quiet: bool = False) -> None:
         self._unit, self._quiet, self._began = unit, quiet, time.monotonic()
         self._first: float | None = None
-        self._shown, self._shown_at = 0.0, -PERIOD_S
-        self._terminal = sys.stderr.isatty()
+        self._shown = 0.0
 
     def show(self, done: float, total: float, text: str = '') -> None:
         """Print the progress, where it is due; the first call only sets what was done before.
@@ -94,20 +92,13 @@ class Progress:
             text: name of what was done last.
         """
         if self._first is None:
-            self._first = done
+            self._first = self._shown = done
             if done and not self._quiet:
                 print(f'{done:g} of {total:g} {self._unit} were computed before', file=sys.stderr)
-            return
-        now = time.monotonic()
-        due = now >= self._shown_at + PERIOD_S or done >= total if self._terminal else (
-            self._unit == 'runs' or done >= self._shown + 0.1 * total)
-        if self._quiet or not due:
-            return
-        self._shown, self._shown_at = done, now
-        left = (now - self._began) / max(done - self._first, 1e-9) * (total - done)
-        line = f'{done:.0f}/{total:.0f} {self._unit}, {now - self._began:.0f} s, {left:.0f} s left: {text}'
-        print(f'\r{line:<78}' if self._terminal else line, end='' if self._terminal and done < total else '\n', file=sys.stderr,
-              flush=True)
+        elif not self._quiet and (done >= self._shown + 0.1 * total or done >= total):
+            elapsed, self._shown = time.monotonic() - self._began, done
+            left = elapsed / max(done - self._first, 1e-9) * (total - done)
+            print(f'{done:.0f}/{total:.0f} {self._unit}, {elapsed:.0f} s, {left:.0f} s left: {text}', file=sys.stderr)
 
 
 def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:

@@ -11,9 +11,12 @@ import numpy as np
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
 from av_reports.identifiers import ObjectIds
-from av_reports.settings import CotSettings
+from av_reports.settings import SENSOR_RANGE_M, CotSettings
 
-RIG_INTERVAL_S = 10.0  # between two events of the rig
+RIG_INTERVAL_S, INTERVAL_S = 10.0, 0.99  # between two events of the rig, and of a target: a little less than a period
+RIG_STALE_S, STALE_S = 120.0, 10.0  # time after which an event is no longer shown
+TARGET_TYPE = 'a-u-A-M-H-Q'  # with a position: unknown, air, military, rotary wing, drone
+RIG_TYPE = 'a-f-G-E-S'  # friendly, ground, equipment, sensor
 UNKNOWN_M = 9999999.0  # by convention of the schema
 COVERED_SIGMA = 2.0  # to each side of a bearing that is drawn
 NARROWEST_DEG = 1.0  # of a drawn sector
@@ -29,12 +32,12 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
     Parameters:
         track: the target.
         uid: of the target.
-        settings: types and times.
+        settings: names.
         now (s): UTC since 1970.
     """
     east_sigma, north_sigma, up_sigma = track.sigma
     point = (track.latitude, track.longitude, track.altitude, math.hypot(east_sigma, north_sigma) / math.sqrt(2.0), up_sigma)
-    event, detail = _event(uid, settings.target_type, HOW_FUSED, point, (now, min(track.time, now), now + settings.stale))
+    event, detail = _event(uid, TARGET_TYPE, HOW_FUSED, point, (now, min(track.time, now), now + STALE_S))
     _contact(detail, f'{settings.callsign} {track.id}', _words(track))
     east, north, up = track.velocity
     speed = math.hypot(east, north)
@@ -51,12 +54,12 @@ def rig_event(place: Place, settings: CotSettings, now: float, surveyed: bool = 
 
     Parameters:
         place: where it stands.
-        settings: types and times.
+        settings: names.
         now (s): UTC since 1970.
         surveyed: whether the place was given by a person, rather than measured.
     """
-    event, detail = _event(settings.uid, settings.rig_type, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
-                           (now, now, now + settings.rig_stale))
+    event, detail = _event(settings.uid, RIG_TYPE, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
+                           (now, now, now + RIG_STALE_S))
     _contact(detail, settings.callsign)
     return _serialised(event)
 
@@ -68,10 +71,10 @@ def bearing_event(track: BearingTrack, place: Place, uid: str, settings: CotSett
         track: the target.
         place: where the rig stands.
         uid: of the target.
-        settings: types and times.
+        settings: names.
         now (s): UTC since 1970.
     """
-    event, detail = _event(uid, SENSOR_TYPE, HOW_FUSED, _point(place), (now, min(track.time, now), now + settings.stale))
+    event, detail = _event(uid, SENSOR_TYPE, HOW_FUSED, _point(place), (now, min(track.time, now), now + STALE_S))
     _contact(detail, f'{settings.callsign} {track.id}', _words(track))
     _sensor(detail, track, settings)
     return _serialised(event)
@@ -114,7 +117,7 @@ def _contact(detail: ET.Element, callsign: str, remarks: str = '') -> None:
 def _sensor(detail: ET.Element, track: BearingTrack, settings: CotSettings) -> None:
     sector = max(math.degrees(2.0 * COVERED_SIGMA * track.azimuth_sigma), NARROWEST_DEG)
     sensor = ET.SubElement(detail, 'sensor', azimuth=_number(compass_deg(track.azimuth, 1), 1),
-                           fov=_number(min(sector, 360.0), 1), range=_number(settings.sensor_range, 0), roll='0.0',
+                           fov=_number(min(sector, 360.0), 1), range=_number(SENSOR_RANGE_M, 0), roll='0.0',
                            displayMagneticReference='0', model=_text(settings.callsign))
     if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):
         height = max(math.degrees(2.0 * COVERED_SIGMA * track.elevation_sigma), NARROWEST_DEG)
@@ -179,7 +182,7 @@ class CotStage:
         self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
         for track in tracks:
             uid = f'{self._settings.uid}.{self._objects.ulid(track.id, now)}'
-            if now - self._sent[track.id] < self._interval:
+            if now - self._sent[track.id] < INTERVAL_S:
                 continue
             if isinstance(track, PositionTrack):
                 events.append(position_event(track, uid, self._settings, now))
@@ -187,7 +190,3 @@ class CotStage:
                 events.append(bearing_event(track, place, uid, self._settings, now))
             self._sent[track.id] = now
         return events
-
-    @property
-    def _interval(self) -> float:
-        return 0.99 * self._settings.interval

@@ -168,7 +168,7 @@ class RigWatch:
             self._node.refused.refuse(name, error)
 
     def _on_detections(self, message: Detection2DArray, _published: float) -> None:
-        self._state.on_detections(message, self._converter.detections(message))
+        self._state.on_detections(message)
         self._detections = message
 
     def _new_picture(self, encode: bool) -> bytes:
