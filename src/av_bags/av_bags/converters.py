@@ -63,7 +63,7 @@ class AudioLayout:
     Parameters:
         sample_rate (Hz): rate of each channel, 8000 to 384000.
         channels: number of interleaved channels, 1 to 64.
-        sample_format: one of `av_bags.pcm.FORMATS`.
+        sample_format: one of FORMATS.
 
     Raises BagError for values out of bounds.
     """

@@ -16,7 +16,7 @@ from av_common.track import State
 from av_evaluation.metrics.metrics import summarise
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.report.plot import draw
+from av_evaluation.report.charts import draw
 from av_evaluation.report.text import format_table
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import evaluate_run

@@ -16,7 +16,7 @@ from av_sim_bridge.wire.gimbal import GimbalSample
 from av_simulator.config_files import find_config
 from av_simulator.motion.gimbal import ENCODER_SIGMA
 from av_simulator.rendering.mjcf import MOST_DRONES
-from av_simulator.rendering.renderer_factory import RendererFactory
+from av_simulator.rendering.render_process import RendererFactory
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics

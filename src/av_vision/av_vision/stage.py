@@ -14,10 +14,11 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.angles import angles_to_direction
 from av_common.camera import PinholeCamera
-from av_common.frames import attitude_of
+from av_common.frames import FLU_TO_OPTICAL, attitude_of
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
+from av_vision import visibility as visibilities
 from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
@@ -25,12 +26,69 @@ from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.visibility import VisibilityReporter
 from av_vision.yolo import Detector, DetectorSettings
 
 BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells where to look
 REGIONS = 2          # of an image, where the processor's speed does not decide
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
+PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
+LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
+
+
+class VisibilityReporter:
+    """Estimates visibility every PERIOD_S.
+
+    Distances come from depth images, or from the camera's height over flat ground; without either only the share of contrast
+    that is left in the image is known.
+
+    Parameters:
+        target_distance (m): distance for which the share of contrast is reported.
+        camera_height (m): height over flat ground; 0 when unknown.
+    """
+
+    def __init__(self, target_distance: float, camera_height: float = 0.0) -> None:
+        self._target_distance, self._camera_height = target_distance, camera_height
+        self._next = -math.inf
+        self._depth: tuple[float, NDArray] | None = None  # time in s, image
+
+    def on_depth(self, message: Any) -> None:
+        """Use a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
+
+        Raises ValueError for an image that cannot be read.
+        """
+        self._depth = to_seconds(message.header.stamp), image_from_message(message)
+
+    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None,
+               rotation: NDArray | None = None) -> visibilities.Visibility | None:
+        """The visibility in an image, None when no estimate is due.
+
+        Parameters:
+            image (h, w[, channels]): BGR, grey or 16-bit.
+            time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
+            camera: of this image, for flat ground; None while unknown.
+            rotation (3, 3): from its optical frame to a level frame; None where unknown: it looks level.
+        """
+        if self._next - PERIOD_S <= time < self._next:
+            return None
+        self._next = time + PERIOD_S
+        level = FLU_TO_OPTICAL.T if rotation is None else rotation
+        distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
+        return visibilities.estimate(image, distance, self._target_distance)
+
+    def reset(self) -> None:
+        """Estimate visibility in the next image, and discard the last depth image."""
+        self._next, self._depth = -math.inf, None
+
+    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None,
+                  rotation: NDArray) -> NDArray | None:
+        if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
+            depth = self._depth[1]
+            if depth.shape != shape:
+                return None
+            return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
+        if camera is None or not self._camera_height > 0.0:
+            return None
+        return visibilities.ground_distances(camera, self._camera_height, rotation)
 
 
 class DetectionStage:

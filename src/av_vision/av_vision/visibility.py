@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,10 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL
-from av_common.stamps import to_seconds
 from av_vision.image import to_bgr8
-from av_vision.messages import image_from_message
 
 LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
 BINS = 16  # number of bins of distance
@@ -29,9 +25,7 @@ QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brigh
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
 LEAST_PIXELS = 30
-PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
-LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 
 @dataclass(frozen=True)
@@ -135,59 +129,3 @@ def contrast_left(grey: NDArray[np.float32]) -> float:
     small = cv2.resize(grey, (160, 120), interpolation=cv2.INTER_AREA)
     air, dark = np.percentile(small, [95.0, 2.0])
     return float(np.clip((air - dark) / max(0.85 * air, 1.0), 0.0, 1.0))
-
-
-class VisibilityReporter:
-    """Estimates visibility every PERIOD_S.
-
-    Distances come from depth images, or from the camera's height over flat ground; without either only the share of contrast
-    that is left in the image is known.
-
-    Parameters:
-        target_distance (m): distance for which the share of contrast is reported.
-        camera_height (m): height over flat ground; 0 when unknown.
-    """
-
-    def __init__(self, target_distance: float, camera_height: float = 0.0) -> None:
-        self._target_distance, self._camera_height = target_distance, camera_height
-        self._next = -math.inf
-        self._depth: tuple[float, NDArray] | None = None  # time in s, image
-
-    def on_depth(self, message: Any) -> None:
-        """Use a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
-
-        Raises ValueError for an image that cannot be read.
-        """
-        self._depth = to_seconds(message.header.stamp), image_from_message(message)
-
-    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None,
-               rotation: NDArray | None = None) -> Visibility | None:
-        """The visibility in an image, None when no estimate is due.
-
-        Parameters:
-            image (h, w[, channels]): BGR, grey or 16-bit.
-            time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
-            camera: of this image, for flat ground; None while unknown.
-            rotation (3, 3): from its optical frame to a level frame; None where unknown: it looks level.
-        """
-        if self._next - PERIOD_S <= time < self._next:
-            return None
-        self._next = time + PERIOD_S
-        level = FLU_TO_OPTICAL.T if rotation is None else rotation
-        distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
-        return estimate(image, distance, self._target_distance)
-
-    def reset(self) -> None:
-        """Estimate visibility in the next image, and discard the last depth image."""
-        self._next, self._depth = -math.inf, None
-
-    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None,
-                  rotation: NDArray) -> NDArray | None:
-        if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
-            depth = self._depth[1]
-            if depth.shape != shape:
-                return None
-            return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
-        if camera is None or not self._camera_height > 0.0:
-            return None
-        return ground_distances(camera, self._camera_height, rotation)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from av_vision.sources import Capture, CapturedImage, SourceError
+from av_vision.sources.capture import DeviceSource
 from av_vision.sources.files import IMAGE_SUFFIXES, FileSource, Recording, image_files
-from av_vision.sources.v4l2 import DeviceSource
 
 # Situations of users, which are not part of the repository.
 FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
@@ -171,7 +171,7 @@ def test_a_device_is_configured_and_its_stamps_are_of_the_capture(monkeypatch):
             settings['released'] = True
 
     monkeypatch.setattr(cv2, 'VideoCapture', Device)
-    monkeypatch.setattr('av_vision.sources.v4l2.time', SimpleNamespace(monotonic=lambda: 500.0))
+    monkeypatch.setattr('av_vision.sources.capture.time', SimpleNamespace(monotonic=lambda: 500.0))
     source = DeviceSource('3', 1280, 720, 60.0, 5.0, now=lambda: 1000.0)
     source.open()
     assert source.read().time == pytest.approx(1000.0 - 0.04)

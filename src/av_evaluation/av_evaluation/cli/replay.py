@@ -92,7 +92,7 @@ def replay(options: argparse.Namespace) -> int:
     print(f'{length:.1f} s replayed in {elapsed:.2f} s: {length / elapsed:.0f} x real time '
           f'({length / busy:.0f} x by {busy:.2f} s of processor time)')
     if options.report:
-        from av_evaluation.report.plot import draw  # matplotlib takes a second to load
+        from av_evaluation.report.charts import draw  # matplotlib takes a second to load
 
         folder = Path(options.report)
         folder.mkdir(parents=True, exist_ok=True)

@@ -155,7 +155,7 @@ class MonitorNode(RigNode):
             out = Path(self._settings.out)
             log.save(out)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
-            from av_evaluation.report.plot import draw  # matplotlib takes a second to load: not at the start
+            from av_evaluation.report.charts import draw  # matplotlib takes a second to load: not at the start
 
             draw(log, out / 'bearing.png')
             print(f'{"plot":<{LABEL_WIDTH}}  {out / "bearing.png"}', flush=True)

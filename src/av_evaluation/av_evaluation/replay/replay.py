@@ -27,9 +27,8 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
+from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.replay.sensor_frames import SensorFrames
 from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker

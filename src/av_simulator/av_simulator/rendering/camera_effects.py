@@ -1,4 +1,7 @@
-"""Effects of the camera on an image: exposure, motion blur, rain in front of the lens, noise."""
+"""Effects of the camera on an image: exposure, motion blur, rain in front of the lens, noise.
+
+Of a thermal camera: apparent temperatures of what is seen, and the pictures that an uncooled one makes of them.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_simulator.rendering.view import View
+from av_vision.image import AutomaticGain
 
 SHUTTER_S = 1.0 / 100.0     # exposure time; the camera compensates for less light by gain
 LONGEST_BLUR_PX = 50.0
 READ_NOISE = 1.5            # standard deviation in grey levels at an exposure of 1
 SHOT_NOISE = 0.12           # standard deviation over the square root of the grey level, at an exposure of 1
 _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
+# K relative to the air, about what thermograms of hovering multirotors show; MuJoCo's shapes of the drone's parts.
+MOTOR_WARMER_K, BODY_WARMER_K, ARM_WARMER_K, BLADE_WARMER_K = 25.0, 15.0, 6.0, 0.5
+GROUND_WARMER_K = 1.0    # K, ground relative to the air
+TEXTURE_K = 1.0          # K between black and white surfaces of one kind: bark, grass, walls store and emit heat unevenly
+HORIZON_COLDER_K, SKY_COLDER_K = 6.0, 25.0  # K, air relative to a clear sky above the horizon, and at the zenith
+FOG_SHARE = 0.7          # ratio of fog's extinction in the thermal infrared to that of visible light
+COUNTS_PER_K = 100.0     # raw counts are hundredths of a kelvin from absolute zero, as radiometric cameras give them
+ZERO_C = 273.15          # K
+
+# An uncooled microbolometer of 12 um pixels behind a lens of f/1.
+OPTICS_PX = 0.7                          # standard deviation of the image of a point
+BLOOM_SHARE, BLOOM_PX = 0.06, 4.0        # of the heat that is scattered in lens and housing, and how far
+RESPONSE_S = 0.010                       # thermal time constant of a pixel, which smears what moves
+NOISE_K = 0.05                           # noise-equivalent temperature difference
+FIXED_K, COLUMN_K, ROW_K = 0.03, 0.03, 0.02  # what the flat-field correction leaves: of pixels, columns, rows
+SHADING_K = 0.3                          # warmth of the housing in the corners, since the last correction
+SURROUNDINGS, SURROUNDINGS_LEFT = 1 / 12, 0.1  # range in widths, and share left, of the local mean in a picture
 
 
 class CameraEffects:
@@ -96,3 +117,58 @@ def contrast_left(view: View) -> float:
     """Factor (0 to 1) on the contrast of an image that is too dark or overexposed."""
     light = view.daylight * view.exposure
     return float(min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0))
+
+
+def apparent_temperature(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_depth: NDArray, air_c: float) -> NDArray:
+    """Apparent temperatures (deg C, (height, width), float32).
+
+    Parameters:
+        warmer_k (K, (height, width)): temperature of the object at each pixel, relative to the air.
+        sky ((height, width), bool): pixels of the sky.
+        upward ((height, width)): z component of each pixel's ray in ENU.
+        optical_depth ((height, width)): optical depth of the air for visible light.
+        air_c (deg C): temperature of the air.
+    """
+    above = -HORIZON_COLDER_K - (SKY_COLDER_K - HORIZON_COLDER_K) * np.sqrt(upward.clip(0.0, 1.0))
+    surface = np.where(sky, above, warmer_k)
+    return (air_c + surface * np.exp(-FOG_SHARE * optical_depth)).astype(np.float32)
+
+
+class ThermalCamera:
+    """Pictures of one thermal camera.
+
+    Parameters:
+        width, height (px): size of the images.
+        palette: `white_hot` or `black_hot` for grey levels by the camera's own gain, `raw` for counts.
+        seed: seed of all noise.
+    """
+
+    def __init__(self, width: int, height: int, palette: str, seed: int) -> None:
+        self._palette, self._seed = palette, seed
+        random = np.random.default_rng([seed, 19])
+        rows, columns = np.mgrid[-1.0:1.0:height * 1j, -1.0:1.0:width * 1j]
+        self._fixed = (random.normal(0.0, FIXED_K, (height, width)) + random.normal(0.0, COLUMN_K, (1, width))
+                       + random.normal(0.0, ROW_K, (height, 1)) + 0.5 * SHADING_K * (rows**2 + columns**2)).astype(np.float32)
+        self._noise = random.normal(0.0, NOISE_K, (2 * height, 2 * width)).astype(np.float32)  # drawn once, then shifted
+
+    def picture(self, temperature_c: NDArray[np.float32], view: View) -> NDArray:
+        """Grey levels (height, width) uint8, or raw counts uint16.
+
+        Parameters:
+            temperature_c (deg C, (height, width)): apparent temperatures.
+            view: number and motion of the image.
+        """
+        height, width = temperature_c.shape
+        seen = motion_blurred(temperature_c, view.image_motion, RESPONSE_S)
+        sharp = cv2.GaussianBlur(seen, (0, 0), OPTICS_PX)
+        seen = (1.0 - BLOOM_SHARE) * sharp + BLOOM_SHARE * cv2.GaussianBlur(seen, (0, 0), BLOOM_PX)
+        row, column = np.random.default_rng([self._seed, 20, view.index]).integers([height, width])
+        seen = seen + self._fixed + self._noise[row:row + height, column:column + width]
+        counts = np.clip((seen + ZERO_C) * COUNTS_PER_K, 0, 65_535).astype(np.uint16)
+        return counts if self._palette == 'raw' else self._developed(counts)
+
+    def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:
+        """Grey levels as the camera's electronics make them: less of what is warm all around, which darkens the horizon."""
+        local = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), SURROUNDINGS * counts.shape[1])
+        grey = AutomaticGain().apply(counts - (1.0 - SURROUNDINGS_LEFT) * local, 0.0)
+        return 255 - grey if self._palette == 'black_hot' else grey

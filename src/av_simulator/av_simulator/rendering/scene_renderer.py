@@ -15,10 +15,7 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import mat2quat
 
 from av_common.camera import PinholeCamera
-from av_simulator.rendering.camera_effects import CameraEffects, contrast_left
-from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
-from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.thermal import (
+from av_simulator.rendering.camera_effects import (
     ARM_WARMER_K,
     BLADE_WARMER_K,
     BODY_WARMER_K,
@@ -26,9 +23,13 @@ from av_simulator.rendering.thermal import (
     GROUND_WARMER_K,
     MOTOR_WARMER_K,
     TEXTURE_K,
+    CameraEffects,
     ThermalCamera,
     apparent_temperature,
+    contrast_left,
 )
+from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
+from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import (
     FIRST_TARGET_ID,
     Appearance,

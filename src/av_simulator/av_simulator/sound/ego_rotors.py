@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.config_reader import bounded
-from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate
+from av_simulator.sound.delays import AFTER, BEFORE, interpolate
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.stream import CHUNK, Stream
 

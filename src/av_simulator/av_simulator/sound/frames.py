@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal.windows import tukey
 
-from av_simulator.sound.interpolation import BEFORE, TAPS
+from av_simulator.sound.delays import BEFORE, TAPS
 from av_simulator.sound.stream import Stream
 
 FASTEST = 0.4  # maximum speed of approach between source and microphones, relative to the speed of sound

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
+from av_simulator.sound.delays import BlockGrid, along_block, interpolate, retarded_delay
 from av_simulator.sound.frames import FASTEST, Frame, FrameMaker
-from av_simulator.sound.interpolation import interpolate
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.rays import rays_of
 from av_simulator.sound.source import Source

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 
 from av_common.config_reader import bounded
-from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
+from av_simulator.sound.delays import AFTER, BEFORE, BlockGrid, along_block, interpolate, kernels, retarded_delay
 from av_simulator.sound.fields import diffuse, field_noise
-from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate, kernels
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream, db_to_ratio

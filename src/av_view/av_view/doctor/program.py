@@ -27,9 +27,9 @@ from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
 from av_vision.search import Pace
+from av_vision.sources.capture import DeviceSource as Camera
 from av_vision.sources.capture import SourceError
 from av_vision.sources.realsense import RealSenseSource, sdk
-from av_vision.sources.v4l2 import DeviceSource as Camera
 from av_vision.stage import make_detection_stage
 
 KEPT_IMAGES = 10

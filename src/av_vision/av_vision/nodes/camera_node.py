@@ -25,9 +25,9 @@ from av_common.yaml_reader import load_yaml
 from av_vision.messages import camera_info_message, image_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
 from av_vision.sources import Capture, CapturedImage, Source
+from av_vision.sources.capture import DeviceSource
 from av_vision.sources.files import FileSource
 from av_vision.sources.realsense import RealSenseSource
-from av_vision.sources.v4l2 import DeviceSource
 
 # Without an image for this long the diagnostics warn.
 STALE_S = 2.0
