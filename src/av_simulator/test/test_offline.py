@@ -114,7 +114,7 @@ def test_bags_hold_the_topics_of_the_rig(tmp_path, rig):
     pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
     from rosbags.highlevel import AnyReader
 
-    from av_simulator.offline.files import EPOCH, BagRecorder
+    from av_simulator.offline.bag import EPOCH, BagRecorder
     world = turning_world(rig)
     recorder = BagRecorder(tmp_path / 'bag', world)
     for step in steps(world, 1.0, 10.0, renderer='flat'):

@@ -59,7 +59,7 @@ def _simulate(world: World, options: argparse.Namespace) -> None:
     duration = options.duration or world.scenario.duration
     recorders: list[Any] = [FileRecorder(options.out, world, options.image_rate, options.everything)]
     if options.bag:
-        from av_simulator.offline.files import BagRecorder  # needs ROS, other outputs do not
+        from av_simulator.offline.bag import BagRecorder  # needs ROS, other outputs do not
         recorders.append(BagRecorder(options.out / 'bag', world))
     began = shown = time.monotonic()
     try:

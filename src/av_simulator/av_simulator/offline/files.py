@@ -1,4 +1,4 @@
-"""Output of a simulation to files: sound as WAV, images as video and PNG, true states as CSV, and all as a bag."""
+"""Output of a simulation to files: sound as WAV, images as video and PNG, true states as CSV."""
 
 from __future__ import annotations
 
@@ -8,32 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import soundfile
-from rclpy.serialization import serialize_message
-from tf2_msgs.msg import TFMessage
 
-from av_audio.messages import audio_frame
-from av_bags.topics import FRAMES, absolute
-from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
-from av_common.frames import BASE_FRAME
-from av_common.rig_messages import static_transforms
-from av_common.stamps import to_stamp
-from av_sim_bridge import messages
 from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
-from av_vision.messages import camera_info_message, image_message
 
 _RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
 _TARGET = ['x', 'y', 'z', 'vx', 'vy', 'vz', 'azimuth', 'elevation', 'distance']
 _BOX = ['min_x', 'min_y', 'max_x', 'max_y', 'visible_fraction', 'transmission', 'score']
-EPOCH = 1_700_000_000.0    # s, stamp of the scenario's start; it is constant, so that the same run gives the same bag
-WORLD_FRAME = 'map'
-_TOPICS = {
-    'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
-    'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
-    'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
-    'truth/target': 'nav_msgs/msg/Odometry', 'tf_static': 'tf2_msgs/msg/TFMessage',
-}
 
 
 class FileRecorder:
@@ -130,54 +112,3 @@ def _box_rows(view: View, image: RenderedImage) -> list[list]:
 
 def _rounded(values: list[float]) -> list[str]:
     return [f'{value:.6f}' for value in values]
-
-
-class BagRecorder:
-    """Writes the steps of a world to a rosbag2 (mcap).
-
-    Parameters:
-        folder: folder of the bag; must not exist.
-        world: the simulated world, for the rig's description and the sample rate.
-    """
-
-    def __init__(self, folder: Path, world: World):
-        self._rig, self._rate = world.rig, world.sample_rate
-        self._writer = BagWriter(folder)
-        gimbal = {'gimbal/state': 'av_interfaces/msg/GimbalState'} if world.rig.gimbal else {}
-        for topic, kind in (_TOPICS | gimbal).items():
-            self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
-        self._write('tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
-
-    def write(self, step: Step) -> None:
-        """Append one step."""
-        header = messages.make_header(EPOCH + step.begin, self._rig.array.frame)
-        self._write('audio/frames', EPOCH + step.end,
-                    audio_frame(step.sound, round(step.begin * self._rate), self._rate, header))
-        for sample in step.truth:
-            header = messages.make_header(EPOCH + sample.time, WORLD_FRAME)
-            rig = messages.odometry_message(header, BASE_FRAME, sample.rig)
-            self._write('odometry', EPOCH + sample.time, rig)
-            self._write('truth/rig', EPOCH + sample.time, rig)
-            self._write_gimbal(sample)
-            self._write('truth/target', EPOCH + sample.time,
-                        messages.odometry_message(header, 'target', sample.targets[0]))
-        for view, image in step.images:
-            header = messages.make_header(EPOCH + view.time, self._rig.camera.optical_frame)
-            self._write('camera/image_raw', EPOCH + view.time, image_message(header, image.bgr))
-            self._write('camera/camera_info', EPOCH + view.time,
-                        camera_info_message(header, self._rig.camera.model))
-            self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))
-
-    def _write_gimbal(self, sample: TruthSample) -> None:
-        gimbal = self._rig.gimbal
-        if gimbal is not None and sample.gimbal is not None:
-            time = EPOCH + sample.time
-            header = messages.make_header(time, BASE_FRAME)
-            self._write('gimbal/state', time, messages.gimbal_message(header, gimbal.frame, sample.gimbal))
-
-    def close(self) -> None:
-        """Finish the bag."""
-        self._writer.close()
-
-    def _write(self, topic: str, time: float, message: object) -> None:
-        self._writer.write(absolute(topic), round(time * 1e9), serialize_message(message))
