@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.lost_phase import has_lost_phases
 from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
+from av_audio.near_field import NearField
 from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -90,6 +90,7 @@ class DoaEstimate:
         cosine: cosine of the estimated angle to the axis of a linear array (see `directions.cone_cosine`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
+        own: probability that sound of the rig itself is louder than all other (see `NearField`); confidences count it.
         further: estimates of the other sources in the same window.
     """
 
@@ -106,6 +107,7 @@ class DoaEstimate:
     q: Array
     cosine: float = np.nan
     cosine_variance: float = np.nan
+    own: float = 0.0
     further: tuple[DoaEstimate, ...] = ()
 
     @property
@@ -144,6 +146,9 @@ class Localizer:
         self._analyzer, self._estimator = make_estimator(
             settings.method if self._foreign is None else 'plain', array, sample_rate, self._window, settings.band_hz,
             speed_of_sound(settings.temperature_c), settings.wideband, ego_noise if self._foreign is None else None)
+        self._near: NearField | None = None  # what a recording whitens needs none
+        if ego_noise is None:
+            self._near = NearField(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c))
         self._elevations = np.radians(settings.elevation_deg)
         # Room for two windows, so that a window slides by its full length before it is copied back to the beginning.
         self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
@@ -207,25 +212,24 @@ class Localizer:
         level = self._analyzer.level_dbfs(spectra)
         if level < SILENCE_DBFS:
             return self._nothing(centre, level)
+        free = notch(self._analyzer.frequencies, self.blade_pass_hz)
         if self._foreign is not None:
             peaks = [peak_of(found, self.array) for found in self._foreign(window.T)[:self.settings.max_sources]]
             if not peaks:
                 return self._nothing(centre, level)
-            return self._estimates_of(peaks, window, centre, level)
-        free = notch(self._analyzer.frequencies, self.blade_pass_hz)
-        peaks = self._estimator.peaks(spectra * free, self.settings.max_sources)
-        return self._estimates_of(peaks, window, centre, level)
+        else:
+            peaks = self._estimator.peaks(spectra * free, self.settings.max_sources)
+        own = 0.0 if self._near is None else self._near.probability(spectra * free)
+        first, *further = (self._estimate_of(peak, k, window, centre, level, own) for k, peak in enumerate(peaks))
+        return replace(first, further=tuple(further))
 
     def _nothing(self, centre: float, level: float) -> DoaEstimate:
         empty = np.zeros(0)
         return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
                            np.zeros(0, int), np.zeros(0, bool), level, empty)
 
-    def _estimates_of(self, peaks: Sequence[Peak], window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
-        first, *further = (self._estimate_of(peak, k, window, centre, level) for k, peak in enumerate(peaks))
-        return replace(first, further=tuple(further))
-
-    def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
+    def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float, own: float
+                     ) -> DoaEstimate:
         q, slope = undo_delay_curve(self.array, peak.q)
         bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
         covariance = slope**2 * (peak.covariance + bias)
@@ -241,9 +245,9 @@ class Localizer:
         return DoaEstimate(
             centre / self.sample_rate, centre, azimuth=angles[0, kept], elevation=angles[1, kept],
             azimuth_variance=variances[0, kept], elevation_variance=variances[1, kept],
-            confidence=np.full(count, self._confidence(peak, window)), group=np.full(count, group),
+            confidence=np.full(count, (1.0 - own) * self._confidence(peak, window)), group=np.full(count, group),
             end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
-            cosine=cosine, cosine_variance=cosine_variance)
+            cosine=cosine, cosine_variance=cosine_variance, own=own)
 
     def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):

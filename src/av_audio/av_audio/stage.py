@@ -24,6 +24,7 @@ from av_interfaces.msg import AudioFrame, DoaArray
 # Rates that a frame may claim, in Hz, and the longest frame in s: buffers are made for a window at the claimed rate.
 SAMPLE_RATES = (1000, 384_000)
 LONGEST_FRAME_S = 10.0
+OWN_SOUND_S = 5.0  # over which the share of own sound is averaged
 
 
 class DoaStage:
@@ -54,6 +55,7 @@ class DoaStage:
         self._health: ChannelHealth | None = None
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
+        self.own_sound = 0.0  # mean probability that sound of the rig itself is louder than all other
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
@@ -119,6 +121,7 @@ class DoaStage:
         messages = []
         for estimate in estimates:
             self.latest = estimate
+            self.own_sound += min(1.0, self._settings.hop_s / OWN_SOUND_S) * (estimate.own - self.own_sound)
             judged = self._judge(estimate)
             self.judgement = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)

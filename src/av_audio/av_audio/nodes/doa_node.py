@@ -93,6 +93,7 @@ class DoaNode(RigNode):
             status.add('sources', str(len(latest.sources)))
             status.add('wind', f'{self._stage.wind_dbfs:.0f} dBFS' if math.isfinite(self._stage.wind_dbfs) else 'none')
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
+            status.add('own sound is loudest', f'{self._stage.own_sound:.2f}')
             status.add('drone probability', f'{self._stage.judgement.probability:.2f}')
             status.add('fundamental', f'{self._stage.judgement.fundamental:.0f} Hz')
         if self._frames.age > SILENT_S:
@@ -103,7 +104,10 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'wind at the microphones, louder below 100 Hz than all sound')
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
-        if self._rotors_turn and self._motor_speeds.age <= SILENT_S and not self.settings.ego_noise:
+        if self._stage.own_sound > 0.5:
+            status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors, and '
+                                'directions have little confidence; make a recording for ego_noise with record_ego_noise')
+        elif self._rotors_turn and self._motor_speeds.age <= SILENT_S and not self.settings.ego_noise:
             status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
                                 'be theirs; make one with record_ego_noise')
         if self._stage.without_phases:
