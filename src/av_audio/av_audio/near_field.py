@@ -1,7 +1,7 @@
 """Sound from within a metre of the microphones, as the rig's own rotors are: where it arrives earlier it is louder, too.
 
-A wave from a distance r reaches one microphone at a path that is shorter by d than that to another, with an amplitude that is
-larger by d / r in its logarithm. A target is far: its paths differ, its levels do not. Between the frequencies of a window, which
+A wave from a distance r reaches one microphone at a path that is shorter by d than that to another, with an amplitude that
+is larger by d / r in its logarithm. A target is far: its paths differ, its levels do not. Between the frequencies of a window, which
 belong to different rotors, levels therefore rise with paths, by 1 / r.
 """
 
@@ -25,13 +25,13 @@ ALIKE_HZ = 250.0
 RESPONSE = 0.02
 # Least incoherent share of the power: what coherent sources leave to each other.
 INCOHERENT = 0.05
-# Width of clusters of bands between which errors are independent: responses of rooms, with T60 of 0.3 s and more, change within.
+# Width of clusters of bands between which errors are independent: responses of rooms with a T60 above 0.3 s change within.
 CLUSTER_HZ = 40.0
 # Rotors are between these distances from the microphones of a rig, evenly in the logarithm.
 NEAREST_M, FARTHEST_M = 0.15, 0.5
 OWN = 0.1  # probability that sound of the rig is heard at all; its share of all sound is then even
-# Slopes (1/m) that own sound at a distance r with a share s of the power gives, s / r, with their prior densities: where it is the
-# louder half, and where it is not.
+# Slopes (1/m) that own sound at a distance r with a share s of the power gives, s / r, with their prior densities: where it is
+# the louder half, and where it is not.
 SLOPES: NDArray = np.linspace(0.0, 1.0 / NEAREST_M, 101)[1:]
 _LOUD = np.maximum(np.minimum(FARTHEST_M, 1.0 / SLOPES) - np.maximum(NEAREST_M, 0.5 / SLOPES), 0.0)
 _QUIET = np.maximum(np.minimum(FARTHEST_M, 0.5 / SLOPES) - NEAREST_M, 0.0)
@@ -81,7 +81,7 @@ class NearField:
         return np.sum(paths * admitted, axis=0) / np.maximum(count, 1), count > 0
 
     def _slope(self, levels: NDArray, paths: NDArray, weights: NDArray) -> tuple[float, float]:
-        """Rise of levels with paths in 1/m by weighted least squares, and its deviation by the scatter of clusters (White, 1980).
+        """Rise of levels with paths in 1/m by weighted least squares, and its deviation by the clusters' scatter (White, 1980).
 
         Parameters:
             levels (p, b): logarithms of ratios of amplitudes.

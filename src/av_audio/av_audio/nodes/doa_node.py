@@ -105,8 +105,8 @@ class DoaNode(RigNode):
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
         if self._stage.own_sound > 0.5:
-            status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors, and '
-                                'directions have little confidence; make a recording for ego_noise with record_ego_noise')
+            status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors: '
+                                'directions have little confidence; record it for ego_noise with record_ego_noise')
         elif self._rotors_turn and self._motor_speeds.age <= SILENT_S and not self.settings.ego_noise:
             status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
                                 'be theirs; make one with record_ego_noise')

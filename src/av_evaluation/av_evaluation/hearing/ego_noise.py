@@ -27,7 +27,7 @@ ROTORS = 0.18 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) + np.
 WIND_DB = -10.0  # noise that microphones do not share, over the target
 # Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.
 LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
-LEVELS_DB = {2: (0.0, 10.0, 15.0, 20.0), 8: (10.0, 20.0, 30.0)}
+LEVELS_DB = {2: (-5.0, 0.0, 10.0, 15.0, 20.0), 8: (-5.0, 10.0, 20.0, 30.0)}
 SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'music')}
 
 Locate = Callable[[NDArray], tuple[NDArray, float]]  # sound (n, m) -> azimuths (rad) of mirror images, and confidence
@@ -144,12 +144,14 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
                     azimuths, confidence = locate(heard.sound)
                     far = bool(np.min(np.abs(wrap(azimuths - heard.azimuth)), initial=np.inf) > np.radians(FAR_OFF_DEG))
                     wrong.setdefault(name, []).append(far)
-                    confident.setdefault(name, []).append(far and confidence >= CONFIDENCE_THRESHOLD)
+                    confident.setdefault(name, []).append(confidence >= CONFIDENCE_THRESHOLD)
             for name, far_off in wrong.items():
                 title, share = f'{microphones} microphones, own noise {level_db:+.0f} dB, {name}', float(np.mean(far_off))
                 limit = LIMITS.get((microphones, level_db)) if name == 'recording' else None
                 yield Figure(f'{title}: beyond 20 deg', 100.0 * share, '%', limit)
                 if 'recording' in name:
-                    sure = 100.0 * float(np.sum(confident[name])) / max(sum(far_off), 1)
-                    limited = name == 'recording' and share > 0.1
-                    yield Figure(f'{title}: of those confident', sure, '%', 10.0 if limited else None)
+                    sure, far = np.array(confident[name]), np.array(far_off)
+                    limited = name != 'recording, music' and share > 0.1
+                    yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & far) / max(far.sum(), 1), '%',
+                                 10.0 if limited else None)
+                    yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~far) / max((~far).sum(), 1), '%')
