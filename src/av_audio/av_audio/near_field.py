@@ -1,8 +1,8 @@
 """Sound from within a metre of the microphones, as the rig's own rotors are: where it arrives earlier it is louder, too.
 
 A wave from a distance r reaches one microphone at a path that is shorter by d than that to another, with an amplitude that
-is larger by d / r in its logarithm. A target is far: its paths differ, its levels do not. Between the frequencies of a window, which
-belong to different rotors, levels therefore rise with paths, by 1 / r.
+is larger by d / r in its logarithm. A target is far: its paths differ, its levels do not. Between the frequencies of a window,
+which belong to different rotors, levels therefore rise with paths, by 1 / r.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ class NearField:
         blocks = spectra[:, :self._bands * SNAPSHOTS].reshape(len(spectra), self._bands, SNAPSHOTS)
         powers = np.maximum(np.mean(np.abs(blocks) ** 2, axis=2), TINY)
         first, second = self._pairs.T
-        cross = np.mean(blocks[first] * blocks[second].conj(), axis=2)
+        cross: NDArray = np.mean(blocks[first] * blocks[second].conj(), axis=2)
         coherence = np.minimum(np.abs(cross) ** 2 / powers[first] / powers[second], 1.0)
         levels = 0.5 * (np.log(powers[first]) - np.log(powers[second]))
-        paths, possible = self._paths(np.angle(cross))
+        paths, possible = self._paths(np.arctan2(cross.imag, cross.real))
         slope, sigma = self._slope(levels, paths, coherence / (1.0 - coherence + INCOHERENT) * possible)
         return _is_loud(slope, sigma)
 

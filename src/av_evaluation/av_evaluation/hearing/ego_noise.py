@@ -150,8 +150,9 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
                 limit = LIMITS.get((microphones, level_db)) if name == 'recording' else None
                 yield Figure(f'{title}: beyond 20 deg', 100.0 * share, '%', limit)
                 if 'recording' in name:
-                    sure, far = np.array(confident[name]), np.array(far_off)
+                    sure, astray = np.array(confident[name]), np.array(far_off)
                     limited = name != 'recording, music' and share > 0.1
-                    yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & far) / max(far.sum(), 1), '%',
+                    yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & astray) / max(astray.sum(), 1), '%',
                                  10.0 if limited else None)
-                    yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~far) / max((~far).sum(), 1), '%')
+                    yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~astray) / max((~astray).sum(), 1),
+                                 '%')
