@@ -66,7 +66,9 @@ def test_a_turned_camera_is_told_by_a_rig_that_turns_far():
 
 
 @pytest.mark.parametrize('array', ['square', 'eight'])
-@pytest.mark.parametrize('faults', [Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(yaw_sign=-1)], ids=title)
+@pytest.mark.parametrize('faults', [
+    Faults(camera_yaw_deg=-17.0), Faults(mirrored=True), Faults(yaw_sign=-1), Faults(rolled_deg=90.0), Faults(rolled_deg=-90.0),
+    Faults(camera_yaw_deg=95.0), Faults(camera_yaw_deg=170.0)], ids=title)
 def test_arrays_that_tell_front_from_back_tell_faults_too(faults, array):
     rig, first = told(faults, 3, 20.0, array=array)
     assert first is not None and named(faults, first[1])

@@ -67,10 +67,8 @@ SIGNS = {
                   for_pair=True),
     MIRRORED: Part('the image is mirrored or upside down',
                    'the camera driver\'s flip, or a roll of 180 in camera: mount: rpy_deg'),
-    ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg',
-                      for_pair=True),
-    ROLLED_RIGHT: Part('the camera is rolled to the right by 90 deg', 'a roll of 90 in camera: mount: rpy_deg',
-                       for_pair=True),
+    ROLLED_LEFT: Part('the camera is rolled to the left by 90 deg', 'a roll of -90 in camera: mount: rpy_deg'),
+    ROLLED_RIGHT: Part('the camera is rolled to the right by 90 deg', 'a roll of 90 in camera: mount: rpy_deg'),
     REVERSED_YAW: Part('the yaw of the odometry has the wrong sign',
                        'odometry in ENU: counter-clockwise is positive (REP-103)')}
 PARAMETERS = {
@@ -98,7 +96,7 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
     """
     sigmas = {index: part.sigma for index, part in PARAMETERS.items() if is_pair or not part.for_pair}
     signs = [sign for sign, part in SIGNS.items() if is_pair or not part.for_pair]
-    mounted = [((), turned) for turned in QUARTERS] + [((SWAPPED,), 0.0)] if is_pair else []
+    mounted = [((), turned) for turned in QUARTERS] + ([((SWAPPED,), 0.0)] if is_pair else [])
     return (Hypothesis(DESCRIBED),
             *(Hypothesis(SIGNS[sign].prior, (sign,)) for sign in signs),
             *(Hypothesis(PARAMETERS[index].prior, (), {index: sigma}) for index, sigma in sigmas.items()),
@@ -250,19 +248,21 @@ class ConsistencyMonitor:
             return
         self._pass(bank, time)
         self._heard = time
-        # Of several directions of a planar array the components could be mixed.
-        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and len(window) <= (1 if cone is None else MOST_HEARD)
+        is_seen = abs(time - self._seen) <= SIMULTANEOUS_S and len(window) <= MOST_HEARD
         pose = (self._level(time), self._motion.yaw(time), self._motion.rate(time)[2], first.window)
         images = np.array([h.azimuth for h in first.hypotheses])
         if cone is not None:
             cosines = np.array([m.cone.cosine for m in window if m.cone is not None])
             variance = cone.variance + SOUND_SIGMA**2 * cone.slope_squared
-            bank.hear(SoundEvent(np.array(cone.axis), cosines, variance, images, *pose), is_seen)
+            bank.hear(SoundEvent(np.array([cone.axis]), cosines[:, None], np.array([[variance]]), images, math.nan, *pose),
+                      is_seen)
             return
-        across = first.hypotheses[0].across_variance + SOUND_SIGMA**2
+        one = first.hypotheses[0]
+        axes = np.array([direction(one.azimuth + 0.5 * math.pi), direction(one.azimuth)])
         heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
-        for axis in np.eye(3)[:2]:
-            bank.hear(SoundEvent(axis, heard @ axis, across, images, *pose), is_seen)
+        across, up, level = one.across_variance, min(one.elevation_variance, 1.0), math.cos(one.elevation) ** 2
+        covariance = np.diag([across, (1.0 - level) * up + 0.5 * level * up**2]) + SOUND_SIGMA**2 * np.eye(2)
+        bank.hear(SoundEvent(axes, heard @ axes.T, covariance, images, math.asin((pose[0] @ heard[0])[2]), *pose), is_seen)
 
     def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0

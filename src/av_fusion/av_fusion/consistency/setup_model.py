@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 
-TARGET, TARGET_RATE, BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(9)
-SIZE = 9
+TARGET, TARGET_RATE, BIAS, RADIAL_BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(10)
+SIZE = 10
 ALONE = 4  # first filters of the bank: sound by itself, by both mirror images of where it was first heard, moving or at rest
 # Errors that a careful description still has: of the camera's yaw (rad), its stamps (s), the delay between the microphones as
 # a cosine, and the logarithms of spacing and focal length. Self-calibration learns what remains.
@@ -34,10 +34,9 @@ RATE_SIGMA = math.radians(15.0)  # rad/s, of a target that was just found
 CENTRE = 0.15  # standard deviation of the time that a window is heard at, as a share of its length
 YAW_DELAYS_S = np.arange(-0.4, 1.05, 0.2)  # at which the heading is looked up for cameras whose stamps are wrong
 SIGHT_CLUTTER, SOUND_CLUTTER = 0.05, 0.1  # probability that a measurement stems from nothing of what is modelled
-UNIFORM = 0.5  # density of a cosine that may be any
+UNIFORM = {1: 0.5, 2: 1.0 / math.pi}  # density of a cosine, or of a projection on a plane, that may be any
 # A detection and a sound may be of two things: one in twenty; they become so, or one thing again, after these times.
 UNPAIRED, PARTS_S, MEETS_S = 0.05, 60.0, 10.0
-
 
 SWAPPED, REVERSED_YAW = 'swapped', 'reversed yaw'  # signs that may be wrong
 MIRRORED, ROLLED_LEFT, ROLLED_RIGHT = 'mirrored', 'rolled left', 'rolled right'
@@ -84,22 +83,24 @@ class SightEvent(NamedTuple):
 
 
 class SoundEvent(NamedTuple):
-    """A window of sound.
+    """A window of sound, by projections of directions on d axes.
 
     Parameters:
-        axis: unit vector (3) in the body.
-        cosines: (n) measured, of all directions of the window.
-        variance: of a cosine.
+        axes: unit vectors (d, 3) in the body: that of a pair, else across the first direction, and of its horizontal part.
+        measured: (n, d) projections of all directions of the window.
+        covariance: (d, d) of a projection.
         images (rad): azimuths (2) of the first direction's mirror images in the body.
+        elevation (rad): of the first direction above the horizon; NaN of a pair.
         level: as of `SightEvent`.
         yaw (rad), yaw_rate (rad/s): heading.
         window (s): length of the window.
     """
 
-    axis: NDArray
-    cosines: NDArray
-    variance: float
+    axes: NDArray
+    measured: NDArray
+    covariance: NDArray
     images: NDArray
+    elevation: float
     level: NDArray
     yaw: float
     yaw_rate: float
@@ -139,7 +140,7 @@ class FilterBank:
         self.evidence = self._prior.copy()
         for index, sigma in CAREFUL.items():
             self.covariance[:, index, index] = [sigma**2] * ALONE + [h.sigmas.get(index, sigma) ** 2 for h in self.hypotheses]
-        self.covariance[:, BIAS, BIAS] = BIAS_SIGMA**2
+        self.covariance[:, BIAS, BIAS] = self.covariance[:, RADIAL_BIAS, RADIAL_BIAS] = BIAS_SIGMA**2
         self.mean[:, TRAVEL], self.covariance[:, TRAVEL, TRAVEL] = TRAVEL_S, TRAVEL_SIGMA_S**2
         self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in self.hypotheses]
         self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
@@ -148,7 +149,7 @@ class FilterBank:
                                                       for h in self.hypotheses])
         self._rolled = self._image[ALONE:, 1, 1] == 0.0
         self._sees = np.arange(number) >= ALONE
-        self._manoeuvre, self._described, self._unseen = 1.0, 0.0, 0.0
+        self._manoeuvre, self._described, self._unseen, self._heard_elevation = 1.0, 0.0, 0.0, 0.0
         self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
         self._set_up_slopes = np.zeros((len(self.hypotheses), SIZE))
         self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
@@ -179,12 +180,12 @@ class FilterBank:
         """Let time pass (s)."""
         step = np.eye(SIZE)
         step[TARGET, TARGET_RATE] = seconds
-        step[BIAS, BIAS] = math.exp(-seconds / BIAS_TIME_S)
+        kept = step[BIAS, BIAS] = step[RADIAL_BIAS, RADIAL_BIAS] = math.exp(-seconds / BIAS_TIME_S)
         self._unseen += seconds
         self._described += seconds * self.mean[ALONE, TARGET_RATE]
         self.mean = self.mean @ step.T
         self.covariance = step @ self.covariance @ step.T
-        self.covariance[:, BIAS, BIAS] += BIAS_SIGMA**2 * (1.0 - step[BIAS, BIAS] ** 2)
+        self.covariance[:, (BIAS, RADIAL_BIAS), (BIAS, RADIAL_BIAS)] += BIAS_SIGMA**2 * (1.0 - kept**2)
         growth = ACCELERATION_DENSITY * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
         # How much a target manoeuvres, as seen, is no evidence for a scale of angles: its distance is not known.
         scale = self._manoeuvre * np.exp(2.0 * self.mean[:, FOCAL])
@@ -218,7 +219,7 @@ class FilterBank:
         variance = event.variance * scale**2
         if self.target_known:
             self._adapt(left, slopes, variance)
-        densities, gain, spread = self._compare(every, slopes, variance)
+        densities, gain, spread = self._compare(every[:, :, None], slopes[:, None], variance[:, None, None])
         genuine = self._sees * (1.0 - SIGHT_CLUTTER) * scale * densities.mean(axis=1)
         likelihood = genuine + SIGHT_CLUTTER * 0.5 / event.half_view
         share = genuine / likelihood
@@ -228,14 +229,14 @@ class FilterBank:
         else:  # the first of a target only tells where it is, and is as likely anywhere
             share = self._sees * 1.0
             self.paired = (1.0 - UNPAIRED) * np.tile(self._shares, len(self.hypotheses))
-        self._correct(left, gain, spread, share, SIZE if counts else BIAS)
+        self._correct(left[:, None], gain, spread, share, SIZE if counts else BIAS)
         self.target_known = True
         if share[ALONE] < 0.5:  # by the description it is not the target of before, once: what follows is no more evidence
             self.forget_target()
             return
         self._unseen, order = 0.0, np.argsort(np.abs(every), axis=1)
-        azimuths = np.take_along_axis(azimuths, order, axis=1).T
-        self._beside, self._elevations = wrap(azimuths - azimuths[0]) * self._sees, elevations[ALONE][order].T
+        azimuths, self._elevations = (np.take_along_axis(angle, order, axis=1).T for angle in (azimuths, elevations))
+        self._beside = wrap(azimuths - azimuths[0]) * self._sees
         x, y, _ = event.level @ event.view @ event.rays[nearest[ALONE]]
         self._set_up_slopes = slopes[ALONE:] * (np.arange(SIZE) != TARGET)  # of where the camera saw it, by the set-up alone
         self._described = math.atan2(y, x) + float(np.interp(0.0, YAW_DELAYS_S, event.yaws))
@@ -253,14 +254,15 @@ class FilterBank:
         left, densities, gain, spread = (np.stack(parts, axis=1) for parts in zip(*compared, strict=True))
         genuine = (1.0 - SOUND_CLUTTER) * densities.mean(axis=2)
         weights = self._weights(is_seen)
-        likelihood = weights * (genuine + SOUND_CLUTTER * UNIFORM)
+        unknown = UNIFORM[len(event.axes)]
+        likelihood = weights * (genuine + SOUND_CLUTTER * unknown)
         share = np.sum(weights * genuine, axis=1) / np.maximum(np.sum(likelihood, axis=1), 1e-300)
         if self._sound_known:
             alone = float(self._sides @ likelihood[:ALONE, 0])
             self._sides = 0.98 * self._sides * likelihood[:ALONE, 0] / alone + 0.02 / ALONE
         else:
-            alone, share[:ALONE] = UNIFORM, 1.0
-        self._sound_known = True
+            alone, share[:ALONE] = unknown, 1.0
+        self._sound_known, self._heard_elevation = True, event.elevation
         if weights[ALONE:].any():
             total = np.sum(likelihood[ALONE:], axis=1) + (1.0 - np.sum(weights[ALONE:], axis=1)) * alone
             self.evidence += np.log(total)
@@ -269,7 +271,8 @@ class FilterBank:
             share[ALONE:] *= np.sum(self.paired, axis=0) > UNPAIRED
         rows, most = np.arange(len(left)), np.argmax(weights * genuine, axis=1)
         left = left[rows, most]
-        self._correct(left[rows, np.argmin(np.abs(left), axis=1)], gain[rows, most], spread[rows, most], share)
+        nearest = np.argmin(np.sum(left**2, axis=2), axis=1)
+        self._correct(left[rows, nearest], gain[rows, most], spread[rows, most], share)
         if share[:ALONE].max() < 0.5:  # another source
             self._forget(~self._sees)
             self._sound_known = False
@@ -284,7 +287,7 @@ class FilterBank:
         return weights
 
     def _hear_of(self, event: SoundEvent, beside: NDArray, elevation: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """A window as sound of one thing that is seen: measured minus expected (ALONE + h, n), and what `_compare` says of it.
+        """A window as sound of one thing that is seen: measured minus expected (ALONE + h, n, d), and of `_compare`.
 
         Parameters:
             event: the window.
@@ -293,24 +296,30 @@ class FilterBank:
         rate = self.mean[:, TARGET_RATE]
         travel = self.mean[:, TRAVEL] - self._sees * self.mean[:, CAMERA_LATE]
         across = self.mean[:, TARGET] + beside - rate * travel - self._turn * event.yaw
-        cosine, sine = np.cos(across), np.sin(across)
+        if len(event.axes) > 1:  # sound alone is where it was heard before
+            elevation = np.where(self._sees, elevation, self._heard_elevation if self._sound_known else event.elevation)
         level = np.cos(elevation)
-        flat = np.stack([level * cosine, level * sine, np.sin(elevation)], axis=1)
-        aside = np.stack([-level * sine, level * cosine, np.zeros_like(level)], axis=1)
-        axis = event.level @ event.axis
+        flat = np.stack([level * np.cos(across), level * np.sin(across), np.sin(elevation)], axis=1)
+        aside = np.stack([-flat[:, 1], flat[:, 0], np.zeros_like(level)], axis=1)
+        axes = event.level @ event.axes.T
         spacing = np.exp(self.mean[:, SPACING])
-        along = self._channel * spacing * (flat @ axis)
+        along = (self._channel * spacing)[:, None] * (flat @ axes)
         # Errors are often smaller than reported. To expect less of them, as by a smaller array, is no evidence for a fault.
-        by_angle = self._channel * np.maximum(spacing, 1.0) * (aside @ axis)
-        slopes = np.zeros_like(self.mean)
-        slopes[:, TARGET], slopes[:, TARGET_RATE], slopes[:, TRAVEL] = by_angle, -travel * by_angle, -rate * by_angle
-        slopes[:, CAMERA_LATE] = self._sees * rate * by_angle
-        slopes[:, BIAS], slopes[:, DELAY], slopes[:, SPACING] = 1.0, 1.0, along
-        left = event.cosines[None, :] - (along + self.mean[:, DELAY] + self.mean[:, BIAS])[:, None]
+        by_angle = (self._channel * np.maximum(spacing, 1.0))[:, None] * (aside @ axes)
+        slopes = np.zeros((*by_angle.shape, SIZE))
+        for index, factor in ((TARGET, 1.0), (TARGET_RATE, -travel), (TRAVEL, -rate), (CAMERA_LATE, self._sees * rate)):
+            slopes[:, :, index] = np.reshape(factor, (-1, 1)) * by_angle
+        slopes[:, :, SPACING] = along
+        offsets = [[BIAS, DELAY]] if len(event.axes) == 1 else [[BIAS], [RADIAL_BIAS]]
+        for row, indices in enumerate(offsets):
+            slopes[:, row, indices] = 1.0
+        left = event.measured - (along + np.stack([self.mean[:, one].sum(axis=1) for one in offsets], axis=1))[:, None]
         # A window is heard as its louder parts: the direction moves while it lasts.
-        moved = by_angle * (rate - self._turn * event.yaw_rate) * CENTRE * event.window
-        passed = by_angle * (beside != 0.0) * RATE_SIGMA * self._unseen  # of another thing the rate is not known
-        return left, *self._compare(left, slopes, event.variance + moved**2 + passed**2)
+        moved = (rate - self._turn * event.yaw_rate) * CENTRE * event.window
+        passed = (beside != 0.0) * RATE_SIGMA * self._unseen  # of another thing the rate is not known
+        variance = event.covariance + (moved**2 + passed**2)[:, None, None] * by_angle[:, :, None] * by_angle[:, None, :]
+        variance[:ALONE, 1:, 1:] += event.covariance[1:, 1:]
+        return left, *self._compare(left, slopes, variance)
 
     def _adapt(self, left: NDArray, slopes: NDArray, variance: NDArray) -> None:
         """Let the target manoeuvre as much as the best hypothesis needs, for all of them: its normalised squares become 1.
@@ -364,25 +373,28 @@ class FilterBank:
         return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
 
     def _compare(self, left: NDArray, slopes: NDArray, variance: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Densities (ALONE + h, n) of one scalar measurement with n candidates; its gain and the variance of its innovation.
+        """Densities (ALONE + h, n) of one measurement with n candidates; its covariance with the states and its own.
 
         Parameters:
-            left: (ALONE + h, n) measured minus expected.
-            slopes: (ALONE + h, SIZE) derivatives of what is expected.
-            variance: (ALONE + h) of the measurement.
+            left: (ALONE + h, n, d) measured minus expected.
+            slopes: (ALONE + h, d, SIZE) derivatives of what is expected.
+            variance: (ALONE + h, d, d) of the measurement.
         """
-        gain = (self.covariance @ slopes[:, :, None])[:, :, 0]
-        spread = np.sum(slopes * gain, axis=1) + variance
-        return np.exp(-0.5 * left**2 / spread[:, None]) / np.sqrt(math.tau * spread)[:, None], gain, spread
+        shared = self.covariance @ np.swapaxes(slopes, 1, 2)
+        spread = slopes @ shared + variance
+        squares = np.sum(left @ np.linalg.inv(spread) * left, axis=2)
+        return np.exp(-0.5 * squares) / np.sqrt(np.linalg.det(math.tau * spread))[:, None], shared, spread
 
-    def _correct(self, left: NDArray, gain: NDArray, spread: NDArray, share: NDArray, size: int = SIZE) -> None:
+    def _correct(self, left: NDArray, shared: NDArray, spread: NDArray, share: NDArray, size: int = SIZE) -> None:
         """Use a measurement with the probability (ALONE + h) that it is the target's; the rest as of `_compare`.
 
         Of what is no evidence nothing is learned but the first `size` states; the others keep their uncertainty (Schmidt 1966).
         """
-        k = gain / spread[:, None]
+        k = shared @ np.linalg.inv(spread)
         k[:, size:] = 0.0
-        self.mean += (share * left)[:, None] * k
-        cross = share[:, None, None] * k[:, :, None] * gain[:, None, :]
-        more = share * ((1.0 - share) * left**2 + spread)
-        self.covariance += more[:, None, None] * k[:, :, None] * k[:, None, :] - cross - np.swapaxes(cross, 1, 2)
+        share = share[:, None, None]
+        self.mean += (share * k @ left[:, :, None])[:, :, 0]
+        cross = share * k @ np.swapaxes(shared, 1, 2)
+        more = share * ((1.0 - share) * left[:, :, None] * left[:, None, :] + spread)
+        half = 0.5 * (self.covariance + k @ more @ np.swapaxes(k, 1, 2)) - cross
+        self.covariance = half + np.swapaxes(half, 1, 2)  # symmetric in spite of rounding
