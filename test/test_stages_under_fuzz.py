@@ -29,7 +29,7 @@ from av_evaluation.nodes.monitor_node import MonitorNode
 from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import AudioFrame, Bearing, DoaArray, FusionState, GimbalState, PointingCommand, Visibility
 from av_pointing.stage import make_pointing_stage
-from av_px4.messages import GIMBAL_PITCH_YAW
+from av_px4.commands import GIMBAL_PITCH_YAW
 from av_px4.settings import Px4Settings
 from av_px4.stage import ODOMETRY_TOPIC, Outgoing, Px4Stage
 from av_vision.messages import ENCODINGS
