@@ -14,6 +14,7 @@ from av_sim_bridge.wire.imu import ImuSample
 from av_sim_bridge.wire.truth import VehicleTruth
 
 GRAVITY = 9.80665
+QUADROTOR = 3  # RFlySim's type of the vehicle
 
 
 @dataclass(frozen=True)
@@ -44,17 +45,16 @@ class VehicleState:
         return quat2mat(self.attitude_wxyz)
 
 
-def to_truth(state: VehicleState, copter_id: int, vehicle_type: int = 3) -> VehicleTruth:
+def to_truth(state: VehicleState, copter_id: int) -> VehicleTruth:
     """The state in RFlySim's frames.
 
     Parameters:
         state: state in ENU and FLU.
         copter_id: number of the vehicle in the simulator.
-        vehicle_type: RFlySim's type of the vehicle, 3 for a quadrotor.
     """
     attitude = attitude_ned_to_enu(state.attitude_wxyz)
     acceleration_flu = state.rotation.T @ state.acceleration
-    return VehicleTruth(copter_id, vehicle_type, state.time, ned_to_enu(state.position), ned_to_enu(state.velocity),
+    return VehicleTruth(copter_id, QUADROTOR, state.time, ned_to_enu(state.position), ned_to_enu(state.velocity),
                         np.array(quat2euler(attitude)), attitude, state.rotor_rpm, frd_to_flu(acceleration_flu),
                         frd_to_flu(state.rate_flu))
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from av_vision.yolo.letterbox import Region, tile_corners
 
+SMOOTHING = 0.1  # weight of the newest duration of a search
 CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
 OVERLAP = 0.2                      # share of a tile that is common with its neighbour
 CONTEXT = 3.0                      # side of a crop in units of its object
@@ -173,11 +174,10 @@ class Pace:
 
     Parameters:
         look_time (s): time for one image.
-        smoothing (0-1): weight of the newest duration.
     """
 
-    def __init__(self, look_time: float, smoothing: float = 0.1) -> None:
-        self._look_time, self._smoothing = look_time, smoothing
+    def __init__(self, look_time: float) -> None:
+        self._look_time = look_time
         self._each = 0.0  # s
 
     def regions(self, took: float, count: int) -> int:
@@ -188,5 +188,5 @@ class Pace:
             count: number of its regions; 0 for all of it.
         """
         each = took / (count or FULL)
-        self._each += (self._smoothing if self._each else 1.0) * (each - self._each)
+        self._each += (SMOOTHING if self._each else 1.0) * (each - self._each)
         return int(np.clip(self._look_time / max(self._each, 1e-6), 1, FULL))

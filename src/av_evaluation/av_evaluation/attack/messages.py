@@ -27,6 +27,7 @@ NAME = 'attack_messages'
 OWN = (NAME, observer.NAME)
 COMMAND, ENABLE = '/pointing/command', '/pointing_node/enable'
 ALWAYS = {'/clock': 'rosgraph_msgs/msg/Clock', '/tf': 'tf2_msgs/msg/TFMessage'}
+ENABLED_S = 2.0            # for which its answer is waited
 HEADER = 4                 # bytes of any serialized message
 MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the machine the attack
 # s by which a stamp jumps
@@ -76,13 +77,12 @@ def _call(method: str, arguments: dict[str, Any]) -> Any:
     return getattr(_served, method)(**arguments)
 
 
-def paced(seconds: float, rate: float, meanwhile: Callable[[], None] = lambda: None) -> Iterator[int]:
+def paced(seconds: float, rate: float) -> Iterator[int]:
     """Numbers from 0, at a rate; after a delay as many at once as keep the rate.
 
     Parameters:
         seconds: duration.
         rate (Hz): of the numbers.
-        meanwhile: called in each pause.
     """
     begun, done = time.monotonic(), 0
     while (elapsed := time.monotonic() - begun) < seconds:
@@ -90,7 +90,6 @@ def paced(seconds: float, rate: float, meanwhile: Callable[[], None] = lambda: N
         while done < due and time.monotonic() - begun < seconds:
             yield done
             done += 1
-        meanwhile()
         time.sleep(STEP_S)
 
 
@@ -180,14 +179,9 @@ class Messages(Node):
             self.destroy_publisher(publisher)
         return dict(sent)
 
-    def enable(self, enabled: bool, timeout: float = 2.0) -> bool:
-        """Permit or forbid that commands move the rig; returns whether the pointing node agreed in time.
-
-        Parameters:
-            enabled: whether they may.
-            timeout (s): for which is waited.
-        """
-        deadline = time.monotonic() + timeout
+    def enable(self, enabled: bool) -> bool:
+        """Permit or forbid that commands move the rig; returns whether the pointing node agreed in time."""
+        deadline = time.monotonic() + ENABLED_S
         while not self._enable.service_is_ready() and time.monotonic() < deadline:
             self.spin(0.05)
         future = self._enable.call_async(SetBool.Request(data=enabled))

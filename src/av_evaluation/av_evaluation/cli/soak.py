@@ -14,7 +14,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -154,15 +154,12 @@ class PageViewer:
                     connection.send('{"do": "next"}')
 
 
-def watch(rig: MarkedProcesses, seconds: float, period: float = 5.0,
-          show: Callable[[float, Sequence[ProcessHistory]], None] = lambda *_: None) -> list[ProcessHistory]:
+def watch(rig: MarkedProcesses, seconds: float) -> list[ProcessHistory]:
     """Sample all processes of a program until it ends, or for some time; returns a history of each process.
 
     Parameters:
         rig: the program.
         seconds (s): length of the run at most.
-        period (s): time between samples.
-        show: called after each round of samples with the time since the start (s) and the histories so far.
     """
     histories: dict[int, ProcessHistory] = {}
     begun = time.monotonic()
@@ -171,14 +168,13 @@ def watch(rig: MarkedProcesses, seconds: float, period: float = 5.0,
             taken = sample(process_id)
             if taken is not None:
                 histories.setdefault(process_id, ProcessHistory(name, process_id)).add(now, taken)
-        show(now, list(histories.values()))
-        time.sleep(max(0.0, begun + now + period - time.monotonic()))
-    return lasting(list(histories.values()), period)
+        time.sleep(max(0.0, begun + now + EVERY_S - time.monotonic()))
+    return lasting(list(histories.values()))
 
 
-def lasting(histories: Sequence[ProcessHistory], period: float) -> list[ProcessHistory]:
+def lasting(histories: Sequence[ProcessHistory]) -> list[ProcessHistory]:
     """Histories by name, without those of a few samples: a shell that starts another program."""
-    return sorted((history for history in histories if history.times[-1] - history.times[0] > 2.0 * period),
+    return sorted((history for history in histories if history.times[-1] - history.times[0] > 2.0 * EVERY_S),
                   key=lambda history: history.name)
 
 
@@ -258,7 +254,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         viewer = PageViewer(out / 'rig.log') if 'view:=true' in given else None
         try:
             with launched_rig(given, log) as rig:
-                histories = watch(rig, 60.0 * options.minutes, EVERY_S)
+                histories = watch(rig, 60.0 * options.minutes)
                 ended_early = rig.process.poll() is not None
                 blank = viewer is not None and viewer.waits
         except KeyboardInterrupt:

@@ -15,6 +15,7 @@ from av_evaluation.metrics.run_log import RunLog, Series
 GRID_HZ = 20.0
 VALID_S = 0.25  # a bearing counts this long for coverage
 OUTLIER_DEG = 20.0
+TAU = 0.5  # score from which a detection counts
 
 
 @dataclass(frozen=True)
@@ -65,17 +66,13 @@ class Summary:
     notes: dict[str, str] = field(default_factory=dict)
 
 
-def summarise(log: RunLog, tau: float = 0.5) -> Summary:
+def summarise(log: RunLog) -> Summary:
     """Compute the figures of a run.
 
     Errors count from the arrival of the first detection. Without one they count from the first bearing with resolved front
     and back, else from the first bearing.
-
-    Parameters:
-        log: of the run.
-        tau: score from which a detection counts.
     """
-    detected = log.sight['score'] >= tau
+    detected = log.sight['score'] >= TAU
     tracked = log.fused['state'] != State.NONE
     valid = log.sound['confidence'] > 0.0
     resolved = tracked & (log.fused['resolved'] > 0.0)

@@ -128,7 +128,7 @@ def errors_together(runs: Sequence[RunResult], method: str) -> NDArray:
     return np.concatenate([np.zeros(0), *(run.methods[method].error_deg for run in runs if method in run.methods)])
 
 
-def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = True) -> dict[str, float | None]:
+def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float | None]:
     """Figures of a method over all errors of all runs, as in metrics.json; None where a figure is not defined.
 
     Coverage is weighted by the lengths of the runs. Time to resolve, switches and latency are medians over runs.
@@ -137,7 +137,6 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
     Parameters:
         runs: whose errors are pooled.
         method: its name.
-        intervals: whether to compute the interval of the RMSE.
     """
     results = [(run, run.methods[method]) for run in runs if method in run.methods]
     if not results:
@@ -154,9 +153,8 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
     for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
-    if intervals:
-        blocks = [block for _, result in results for block in blocks_of(result.error_time, result.error_deg)]
-        figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
+    blocks = [block for _, result in results for block in blocks_of(result.error_time, result.error_deg)]
+    figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
     figures['runs'] = len(results)
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}
 

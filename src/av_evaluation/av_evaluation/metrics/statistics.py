@@ -11,6 +11,7 @@ from scipy import stats
 
 BLOCK_S = 2.0  # errors of successive windows are correlated: resampling them singly gives too short an interval
 PERCENTILES = np.arange(1.0, 100.0)
+LEVEL, RESAMPLES = 0.95, 2000  # of the interval: its probability, and the number of bootstrap samples
 
 
 def rmse(errors: ArrayLike) -> float:
@@ -32,23 +33,20 @@ def blocks_of(time: NDArray, values: NDArray, length_s: float = BLOCK_S) -> list
     return np.split(values, cuts)
 
 
-def rmse_interval(blocks: Sequence[NDArray], level: float = 0.95, resamples: int = 2000, seed: int = 1) -> tuple[float, float]:
+def rmse_interval(blocks: Sequence[NDArray]) -> tuple[float, float]:
     """Confidence interval of the RMSE by the block bootstrap (Kuensch, 1989), percentile method; nan for fewer than two blocks.
 
     Blocks of one value each make the ordinary bootstrap (Efron, 1979).
 
     Parameters:
         blocks: of errors, each drawn as a whole with replacement.
-        level: probability of the interval.
-        resamples: number of bootstrap samples.
-        seed: of the random draws.
     """
     if len(blocks) < 2:
         return math.nan, math.nan
     squares, counts = np.array([np.sum(np.square(block)) for block in blocks]), np.array([len(block) for block in blocks])
-    rows = np.random.default_rng(seed).integers(0, len(blocks), (resamples, len(blocks)))
+    rows = np.random.default_rng(1).integers(0, len(blocks), (RESAMPLES, len(blocks)))
     drawn = np.sqrt(squares[rows].sum(axis=1) / counts[rows].sum(axis=1))
-    low, high = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    low, high = np.quantile(drawn, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)])
     return float(low), float(high)
 
 
@@ -67,18 +65,16 @@ def cohens_d(one: ArrayLike, other: ArrayLike) -> float:
     return float((first.mean() - second.mean()) / np.sqrt(squares / freedom)) if squares > 0.0 else math.nan
 
 
-def percentile_matched_correlation(one: ArrayLike, other: ArrayLike, percentiles: ArrayLike = PERCENTILES) -> float:
-    """Pearson's correlation of the same percentiles of two samples; nan for samples without spread.
+def percentile_matched_correlation(one: ArrayLike, other: ArrayLike) -> float:
+    """Pearson's correlation of the percentiles 1 to 99 of two samples; nan for samples without spread.
 
     It is 1 where one distribution is the other, shifted and scaled.
 
     Parameters:
         one (n,): sample.
         other (m,): sample, not paired with the first.
-        percentiles (k,): to compare, 0 to 100.
     """
     if min(np.size(one), np.size(other)) < 2:
         return math.nan
-    shares = np.asarray(percentiles, float)
-    matched = [np.percentile(np.asarray(sample, float), shares) for sample in (one, other)]
+    matched = [np.percentile(np.asarray(sample, float), PERCENTILES) for sample in (one, other)]
     return float(stats.pearsonr(*matched).statistic) if min(map(np.ptp, matched)) > 0.0 else math.nan

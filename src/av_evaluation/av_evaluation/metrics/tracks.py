@@ -27,8 +27,8 @@ class Gospa(NamedTuple):
     assigned: tuple[tuple[int, int], ...]
 
 
-def gospa(distances: NDArray[np.float64], cutoff: float, order: float = 2.0) -> Gospa:
-    """GOSPA with alpha = 2: a missed and a false target each cost cutoff^order / 2.
+def gospa(distances: NDArray[np.float64], cutoff: float) -> Gospa:
+    """GOSPA with p = 2 and alpha = 2: a missed and a false target each cost cutoff^2 / 2.
 
     Rahmathullah, Garcia-Fernandez, Svensson, Generalized optimal sub-pattern assignment metric, FUSION 2017, eq. 1 and
     proposition 1.
@@ -36,14 +36,13 @@ def gospa(distances: NDArray[np.float64], cutoff: float, order: float = 2.0) -> 
     Parameters:
         distances (n, m): between n true and m reported targets.
         cutoff: distance from which a pair counts as one missed and one false target.
-        order: exponent.
     """
-    costs = np.minimum(distances, cutoff) ** order
+    costs = np.minimum(distances, cutoff) ** 2
     rows, columns = linear_sum_assignment(costs)
     pairs = [(int(row), int(column)) for row, column in zip(rows, columns, strict=True) if distances[row, column] < cutoff]
     localisation = float(sum(costs[pair] for pair in pairs))
-    missed, false = (0.5 * cutoff**order * (size - len(pairs)) for size in distances.shape)
-    return Gospa((localisation + missed + false) ** (1.0 / order), localisation, missed, false, tuple(pairs))
+    missed, false = (0.5 * cutoff**2 * (size - len(pairs)) for size in distances.shape)
+    return Gospa((localisation + missed + false) ** 0.5, localisation, missed, false, tuple(pairs))
 
 
 def angles_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -37,18 +37,15 @@ def flight(center: Sequence[float], seed: int, extent: Sequence[float] = (18.0, 
     return position
 
 
-def two_rigs(seed: int, baseline: float = 40.0, distance: float = 60.0, seen: float = 1.0) -> NetworkSimulation:
-    """Two surveyed rigs and a drone.
+def two_rigs(seed: int, seen: float = 1.0) -> NetworkSimulation:
+    """Two surveyed rigs 40 m apart and a drone at some 60 m from their midpoint.
 
     Parameters:
         seed: of flight and measurements.
-        baseline (m): between the rigs.
-        distance (m): of the drone's mean place from their midpoint.
         seen: probability that the drone is seen, and not only heard, by a rig.
     """
-    rigs = [RigModel(name, (sign * 0.5 * baseline, 0.0, HEIGHT_M)) for name, sign in (('a', -1.0), ('b', 1.0))]
-    rise = min(15.0, 0.5 * distance)
-    drone = flight((0.0, math.sqrt(distance**2 - rise**2), HEIGHT_M + rise), seed, (0.2 * distance, 0.2 * distance, 4.0))
+    rigs = [RigModel(name, (20.0 * sign, 0.0, HEIGHT_M)) for name, sign in (('a', -1.0), ('b', 1.0))]
+    drone = flight((0.0, math.sqrt(60.0**2 - 15.0**2), HEIGHT_M + 15.0), seed, (12.0, 12.0, 4.0))
     return NetworkSimulation(rigs, [drone], 60.0, seed, SensingModel(seen=seen))
 
 
@@ -64,19 +61,12 @@ def five_drones(seed: int, presence: float = 0.5, drones: int = 5) -> NetworkSim
     return NetworkSimulation(rigs, _flights(seed, drones), 60.0, seed, SensingModel(presence=presence, clutter_rate=0.05))
 
 
-def wrong_clocks(seed: int, offset: float = 0.05, heading: float = math.radians(3.0), seen: float = 1.0) -> NetworkSimulation:
-    """Three rigs of which two clocks and all headings are wrong, with random signs.
-
-    Parameters:
-        seed: of all draws.
-        offset (s): of the clocks.
-        heading (rad): error of the headings.
-        seen: probability that a drone is seen, and not only heard, by a rig.
-    """
+def wrong_clocks(seed: int) -> NetworkSimulation:
+    """Three rigs of which two clocks are 50 ms off, and all headings 3 deg, with random signs; `seed` is of all draws."""
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (3, 2))
-    rigs = [RigModel(name, (*place, HEIGHT_M), heading * sign[0], 0.0 if name == 'a' else offset * sign[1])
+    rigs = [RigModel(name, (*place, HEIGHT_M), math.radians(3.0) * sign[0], 0.0 if name == 'a' else 0.05 * sign[1])
             for name, place, sign in zip('abc', TRIANGLE, signs, strict=True)]
-    return NetworkSimulation(rigs, _flights(seed, 5), 61.0, seed, SensingModel(seen=seen))
+    return NetworkSimulation(rigs, _flights(seed, 5), 61.0, seed, SensingModel(seen=1.0))
 
 
 def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
@@ -94,17 +84,16 @@ def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
     return first, second
 
 
-def ring(seed: int, rigs: int, drones: int, duration: float = 30.0) -> NetworkSimulation:
+def ring(seed: int, rigs: int, drones: int) -> NetworkSimulation:
     """Rigs on a circle of 60 m around drones.
 
     Parameters:
         seed: of all draws.
         rigs, drones: their numbers.
-        duration (s): of the run.
     """
     angles = math.tau * np.arange(rigs) / rigs
     models = [RigModel(f'rig{k}', (60.0 * math.cos(angle), 60.0 * math.sin(angle), HEIGHT_M)) for k, angle in enumerate(angles)]
-    return NetworkSimulation(models, _flights(seed, drones, 50.0, 0.0), duration, seed, SensingModel(presence=0.7))
+    return NetworkSimulation(models, _flights(seed, drones, 50.0, 0.0), 30.0, seed, SensingModel(presence=0.7))
 
 
 def settings_of(simulation: NetworkSimulation, heading_sigma: float = SURVEYED, clock_sigma: float = 0.001

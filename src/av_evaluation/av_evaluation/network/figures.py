@@ -16,7 +16,8 @@ from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
 from av_network.observation import Report
 from av_network.report_queue import ReportQueue
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import RigSettings
+from av_network.stage import WAIT_S
 from av_network.tracker import NetworkTracker
 
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
@@ -41,12 +42,10 @@ class OwnTracker:
 
     Parameters:
         rigs: what it knows of each.
-        settings: see `NetworkSettings`.
-        wait (s): see `ReportQueue`.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None, wait: float = 1.0) -> None:
-        self.tracker, self._queue = NetworkTracker(rigs, settings), ReportQueue(wait)
+    def __init__(self, rigs: Sequence[RigSettings]) -> None:
+        self.tracker, self._queue = NetworkTracker(rigs), ReportQueue(WAIT_S)
 
     def take(self, report: Report, now: float) -> None:
         """Take a report that arrives at a time (s)."""

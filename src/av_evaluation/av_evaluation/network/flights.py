@@ -18,6 +18,8 @@ from av_network.observation import Report
 STEP_S = 0.02  # of the integration of a flight
 ACCELERATION = 5.0  # m/s^2, largest of a commanded change of velocity: camera drones accelerate by 3 to 6 m/s^2
 LAG_S = 0.2  # time constant with which the attitude follows the command
+FASTEST, EIGHT_SPEED, LANE_SPEED = 12.0, 9.0, 6.0  # m/s, with commands, about the mean of eights, along lanes
+CAMERAS, PRESENCE = 5, 0.85  # their number, and the share of the time for which each measures the drone
 CENTRE = np.array([0.0, 45.0, 18.0])
 EXTENT = np.array([22.0, 22.0, 8.0])  # m, half extents of the box in which it stays
 WINDOW_S = 0.8  # of the reports that are used by least squares: each camera has two or three, at four a second
@@ -45,13 +47,12 @@ class _Drone:
         return self.place
 
 
-def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Trajectory:
+def stops_and_reversals(seed: int, duration: float) -> Trajectory:
     """A flight by commands of velocity: go, stop, turn back, after 0.8 to 4 s each.
 
     Parameters:
         seed: of the commands.
         duration (s): of the flight.
-        fastest (m/s): speed.
     """
     random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
     places, drone = np.zeros((count, 3)), _Drone(CENTRE)
@@ -61,7 +62,7 @@ def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Tr
             until += random.uniform(0.8, 4.0)
             kind = random.random()
             course = random.normal(size=3) * [1.0, 1.0, 0.3]
-            course *= random.uniform(0.4, 1.0) * fastest / np.linalg.norm(course)
+            course *= random.uniform(0.4, 1.0) * FASTEST / np.linalg.norm(course)
             wanted = np.zeros(3) if kind < 0.25 else -wanted if kind < 0.5 and np.any(wanted) else course
         outside = np.abs(drone.place + drone.velocity - CENTRE) > EXTENT
         wanted = np.where(outside, -np.sign(drone.place - CENTRE) * np.maximum(np.abs(wanted), 3.0), wanted)
@@ -69,30 +70,28 @@ def stops_and_reversals(seed: int, duration: float, fastest: float = 12.0) -> Tr
     return _interpolated(places)
 
 
-def figure_of_eight(seed: int, duration: float, speed: float = 9.0) -> Trajectory:
+def figure_of_eight(seed: int, duration: float) -> Trajectory:
     """Eights of some 14 m, banked, with up to 6 m/s^2 to the side, that wander slowly.
 
     Parameters:
         seed: of size, course and height.
         duration (s): of the flight.
-        speed (m/s): about the mean.
     """
     random, times = np.random.default_rng(seed), np.arange(0.0, duration + 2.0 * STEP_S, STEP_S)
     size, turn = random.uniform(12.0, 18.0), random.uniform(0.0, math.tau)
-    phase = speed / (1.3 * size) * times + random.uniform(0.0, math.tau)
+    phase = EIGHT_SPEED / (1.3 * size) * times + random.uniform(0.0, math.tau)
     x, y = size * np.sin(phase), 0.5 * size * np.sin(2.0 * phase)
     drift = 5.0 * np.stack([np.sin(0.11 * times), np.cos(0.13 * times), 0.6 * np.sin(0.37 * times)], 1)
     level = np.stack([x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn), np.zeros_like(x)], 1)
     return _interpolated(CENTRE + drift + level)
 
 
-def lanes(seed: int, duration: float, speed: float = 6.0) -> Trajectory:
+def lanes(seed: int, duration: float) -> Trajectory:
     """A survey: lanes of 30 m and 8 m apart that climb, with a hover of some seconds at each of their ends.
 
     Parameters:
         seed: of height and hovers.
         duration (s): of the flight.
-        speed (m/s): along the lanes.
     """
     random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
     corners = [CENTRE + np.array([15.0 * (-1.0) ** ((k + 1) // 2), 8.0 * (k // 2 % 5) - 16.0, 0.3 * k + random.normal()])
@@ -103,7 +102,8 @@ def lanes(seed: int, duration: float, speed: float = 6.0) -> Trajectory:
         away = float(np.linalg.norm(offset))
         if away < 0.3 and float(np.linalg.norm(drone.velocity)) < 0.5:
             corner, until = corner + 1, k * STEP_S + random.uniform(0.0, 6.0)
-        wanted = offset / max(away, 1e-9) * min(speed, math.sqrt(ACCELERATION * away)) if k * STEP_S > until else np.zeros(3)
+        speed = min(LANE_SPEED, math.sqrt(ACCELERATION * away)) if k * STEP_S > until else 0.0
+        wanted = speed * offset / max(away, 1e-9)
         places[k] = drone.fly(wanted)
     return _interpolated(places)
 
@@ -120,25 +120,22 @@ def _interpolated(places: NDArray[np.float64]) -> Trajectory:
 FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight, 'lanes': lanes}
 
 
-def cameras(seed: int, kind: str, duration: float = 60.0, count: int = 5, presence: float = 0.85,
-            lasting: float = 0.0, heading: float = 0.0) -> NetworkSimulation:
+def cameras(seed: int, kind: str, duration: float = 60.0, lasting: float = 0.0, heading: float = 0.0) -> NetworkSimulation:
     """Cameras of different rates and precision around a hard flight, with drop-outs and clocks that are off by some ms.
 
     Parameters:
         seed: of all draws.
         kind: of `FLIGHTS`.
         duration (s): of the run.
-        count: number of cameras.
-        presence: share of the time for which each measures the drone.
         lasting (rad): standard deviation of errors of some seconds that the cameras do not state.
         heading (rad): standard deviation of the errors of their headings.
     """
     random, rigs = np.random.default_rng(7000 + seed), []
-    for index in range(count):
-        angle, sigma = math.tau * (index + random.uniform(-0.3, 0.3)) / count, math.radians(random.uniform(0.1, 0.5))
+    for index in range(CAMERAS):
+        angle, sigma = math.tau * (index + random.uniform(-0.3, 0.3)) / CAMERAS, math.radians(random.uniform(0.1, 0.5))
         place = CENTRE[:2] + random.uniform(35.0, 55.0) * np.array([math.cos(angle), math.sin(angle)])
         sensing = SensingModel(float(random.choice([10.0, 15.0, 25.0, 30.0, 60.0])), sight_sigma=(sigma, sigma),
-                               presence=presence, dwell=6.0, seen=1.0, lasting=lasting)
+                               presence=PRESENCE, dwell=6.0, seen=1.0, lasting=lasting)
         height, turned = random.uniform(0.5, 6.0), random.normal(0.0, heading) if heading else 0.0
         rigs.append(RigModel(f'cam{index + 1}', (float(place[0]), float(place[1]), height), turned,
                              random.normal(0.0, 0.01) if index else 0.0, sensing))
