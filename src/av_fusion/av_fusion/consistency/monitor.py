@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.track import Track
+from av_fusion.consistency.events import SightEvent, SoundEvent
 from av_fusion.consistency.fault import Fault
 from av_fusion.consistency.heading import HeadingWatch
 from av_fusion.consistency.setup_model import (
@@ -31,8 +32,6 @@ from av_fusion.consistency.setup_model import (
     YAW_DELAYS_S,
     FilterBank,
     Hypothesis,
-    SightEvent,
-    SoundEvent,
 )
 from av_fusion.disambiguation.ambiguity import RELEASE
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_fusion.consistency.events import SightEvent, SoundEvent
 
 TARGET, TARGET_RATE, BIAS, RADIAL_BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(10)
 SIZE = 10
@@ -60,51 +60,6 @@ class Hypothesis:
     signs: tuple[str, ...] = ()
     sigmas: Mapping[int, float] = field(default_factory=dict)
     turned: float = 0.0
-
-
-class SightEvent(NamedTuple):
-    """An image in which something is seen.
-
-    Parameters:
-        rays: unit vectors (n, 3) in the camera (x along its axis, y left, z up), the best one first.
-        view: rotation (3 x 3) of the camera on the body.
-        level: rotation (3 x 3) of the body against a level body of the same heading.
-        yaws (rad): headings YAW_DELAYS_S before its stamp, unwrapped.
-        variance (rad^2): of the azimuths.
-        half_view (rad): half of the field of view.
-    """
-
-    rays: NDArray
-    view: NDArray
-    level: NDArray
-    yaws: NDArray
-    variance: float
-    half_view: float
-
-
-class SoundEvent(NamedTuple):
-    """A window of sound, by projections of directions on d axes.
-
-    Parameters:
-        axes: unit vectors (d, 3) in the body: that of a pair, else across the first direction, and of its horizontal part.
-        measured: (n, d) projections of all directions of the window.
-        covariance: (d, d) of a projection.
-        images (rad): azimuths (2) of the first direction's mirror images in the body.
-        elevation (rad): of the first direction above the horizon; NaN of a pair.
-        level: as of `SightEvent`.
-        yaw (rad), yaw_rate (rad/s): heading.
-        window (s): length of the window.
-    """
-
-    axes: NDArray
-    measured: NDArray
-    covariance: NDArray
-    images: NDArray
-    elevation: float
-    level: NDArray
-    yaw: float
-    yaw_rate: float
-    window: float
 
 
 @dataclass
@@ -154,11 +109,16 @@ class FilterBank:
         self._set_up_slopes = np.zeros((len(self.hypotheses), SIZE))
         self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
         self._sides = np.full(ALONE, 1.0 / ALONE)  # probabilities of these filters
+        self._unpaired = np.array([np.full(len(self.hypotheses), one) for one in (1.0, 1.0 / UNPAIRED)])  # and all targets
+        self._apart: NDArray | None = None  # probabilities that sound is not of what is seen, when it was last compared
         self.turn_world()
 
     def forget_target(self) -> None:
         """A new target begins; what is known of the set-up stays."""
         self._forget(self._sees)
+        if self._apart is not None:
+            self._unpaired += [self._apart, np.ones_like(self._apart)]
+            self._apart = None
         self.paired = np.zeros((2, len(self.hypotheses)))
         self.target_known = False
 
@@ -228,7 +188,7 @@ class FilterBank:
             self.evidence += counts * np.log(np.where(self._rolled, likelihood[ALONE], likelihood[ALONE:]))
         else:  # the first of a target only tells where it is, and is as likely anywhere
             share = self._sees * 1.0
-            self.paired = (1.0 - UNPAIRED) * np.tile(self._shares, len(self.hypotheses))
+            self.paired = (1.0 - self._unpaired[0] / self._unpaired[1]) * self._shares
         self._correct(left[:, None], gain, spread, share, SIZE if counts else BIAS)
         self.target_known = True
         if share[ALONE] < 0.5:  # by the description it is not the target of before, once: what follows is no more evidence
@@ -267,6 +227,7 @@ class FilterBank:
             total = np.sum(likelihood[ALONE:], axis=1) + (1.0 - np.sum(weights[ALONE:], axis=1)) * alone
             self.evidence += np.log(total)
             self.paired = np.stack([likelihood[ALONE:, 0], np.sum(likelihood[ALONE:, 1:], axis=1)]) / total
+            self._apart = 1.0 - np.sum(self.paired, axis=0)
             # A filter is that of the case in which sound is of what is seen.
             share[ALONE:] *= np.sum(self.paired, axis=0) > UNPAIRED
         rows, most = np.arange(len(left)), np.argmax(weights * genuine, axis=1)
