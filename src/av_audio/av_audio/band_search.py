@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
+from av_audio.ego_noise import LOADING as RECORDED
 from av_audio.ego_noise import EgoNoise, covariance
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
 from av_common.microphone_array import MicrophoneArray
@@ -139,6 +140,7 @@ class BandSearch:
 
     def _use(self, whiteners: NDArray) -> None:
         self._whiteners = whiteners
+        self._loading = whiteners @ whiteners.conj().swapaxes(-1, -2)
         self._steering = [self._steered(self.grid, whitener) for whitener in whiteners]
 
     def probability(self, significance: float) -> float:
@@ -183,9 +185,12 @@ class BandSearch:
         """What is searched in the spectra (b, m, n) of a window."""
         throttle = self._noise.likeliest(covariance(bands)) if self._noise else 0
         white = self._whiteners[throttle] @ bands
+        # What the recording is not known to, of the window's power: where that is all there is, it is no source.
+        unknown = RECORDED * np.mean(np.abs(bands) ** 2, axis=(1, 2)) if self._noise else np.zeros(self._count)
         if self._method.even:
-            white = white / np.maximum(np.linalg.norm(white, axis=1, keepdims=True), TINY)
-        covariances = covariance(white)
+            norms = np.maximum(np.linalg.norm(white, axis=1, keepdims=True), TINY)
+            white, unknown = white / norms, unknown / np.mean(norms**2, axis=(1, 2))
+        covariances = covariance(white) + unknown[:, None, None] * self._loading[throttle]
         power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
         of_bins = np.sum(np.abs(white) ** 2, axis=1)
         stretch = np.sum(self._offsets * of_bins, axis=1) / np.maximum(of_bins.sum(axis=1), TINY)

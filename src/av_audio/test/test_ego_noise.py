@@ -155,3 +155,9 @@ def test_a_recording_of_several_throttles_serves_each_of_them():
     several, _ = flown(RING, 25.0, recorded=(1.0, 0.8, 1.2), throttle=0.8)
     assert np.mean(several > 20.0) <= np.mean(one > 20.0) + 0.05
     assert np.median(several) < 2.0
+
+
+def test_a_recording_without_other_noise_leaves_the_confidence():
+    """Few rotors, and more microphones than rotors: what whitening adds to the covariance is added to what judges it, too."""
+    _, confidences = flown(RING, 10.0)
+    assert np.mean(confidences > 0.9) > 0.9
