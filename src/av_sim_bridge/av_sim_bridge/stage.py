@@ -37,7 +37,7 @@ from av_sim_bridge.receiving.streams import (
     TruthStream,
 )
 from av_sim_bridge.vehicle import to_truth
-from av_sim_bridge.wire.audio import SAMPLE, AudioFormat, to_float
+from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import check_truth, encode_truth
 from av_vision.image import decode_image
@@ -86,7 +86,7 @@ class BridgeStage:
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
         self.rig, self._layout, self._settings = rig, layout, settings
         self._clock = CommonClock()
-        self._ring = RingBuffer(layout.channels, RING_BUFFER_BYTES, SAMPLE)
+        self._ring = RingBuffer(layout.channels, RING_BUFFER_BYTES, layout.dtype)
         stamps = CaptureStamps()
         self._audio = AudioStream(layout, self._ring, self._clock)
         self._most_pixels = 2 * max(each.width * each.height for each in rig.cameras.values())
@@ -115,7 +115,7 @@ class BridgeStage:
         if not len(samples):
             return None
         header = messages.make_header(self._audio.stamp(first), self.rig.array.frame)
-        return audio_frame(to_float(samples), first, self._layout.sample_rate, header)
+        return audio_frame(self._layout.to_float(samples), first, self._layout.sample_rate, header)
 
     def on_image(self, datagram: bytes, arrival: float, sender: Sender,
                  camera: str = 'camera') -> StampedImage | Detection2DArray | None:
@@ -241,6 +241,6 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
     if not parameters.rig_file:
         raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
     rig = load_rig(parameters.rig_file)
-    layout = AudioFormat(rig.array.geometry.channels)
+    layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels)
     return BridgeStage(rig, layout, BridgeSettings(**{
         name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__ if hasattr(parameters, name)}))

@@ -7,7 +7,7 @@ import pytest
 
 from av_sim_bridge.receiving.audio_decoder import AudioDecoder
 from av_sim_bridge.wire import WireError
-from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio, to_float
+from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 
 RATE = 48_000
 FRAMES = 1600
@@ -35,17 +35,18 @@ def check(blocks, layout=AudioFormat()):  # noqa: B008 (frozen)
     expected = ramp(max(block.first_sample + len(block.samples) for block in blocks), layout.channels)
     for block in blocks:
         promised = expected[block.first_sample:][:len(block.samples)]
-        np.testing.assert_array_equal(to_float(block.samples), promised)
+        np.testing.assert_array_equal(layout.to_float(block.samples), promised)
 
 
 def decode(decoder, stream):
     return [block for datagram, arrival in stream for block in decoder.decode(datagram, arrival)]
 
 
+@pytest.mark.parametrize('sample_format', ['s16le', 'f32le'])
 @pytest.mark.parametrize('channels', [1, 2, 4])
 @pytest.mark.parametrize('header', [False, True])
-def test_all_samples_arrive_in_their_channels(rng, channels, header):
-    layout = AudioFormat(channels)
+def test_all_samples_arrive_in_their_channels(rng, sample_format, channels, header):
+    layout = AudioFormat(sample_format, channels)
     decoder = AudioDecoder(layout)
     blocks = decode(decoder, zip(datagrams(layout, 40, header=header), arrivals(40, 0.01, rng), strict=True))
     check(blocks, layout)
@@ -54,8 +55,8 @@ def test_all_samples_arrive_in_their_channels(rng, channels, header):
 
 
 def test_full_scale_survives_int16():
-    layout = AudioFormat(1)
-    samples = to_float(layout.decode(layout.encode(np.array([[1.5], [1.0], [-1.0], [-2.0], [0.5]]))))
+    layout = AudioFormat('s16le', 1)
+    samples = layout.to_float(layout.decode(layout.encode(np.array([[1.5], [1.0], [-1.0], [-2.0], [0.5]]))))
     np.testing.assert_allclose(samples[:, 0], [1 - 2**-15, 1 - 2**-15, -1, -1, 0.5])
 
 
@@ -90,7 +91,7 @@ def test_lost_datagrams_are_counted_and_never_swap_channels(rng, lost, kind):
         assert len(settled) > 20
         check(settled, layout)
         for block in blocks:
-            samples = np.rint(to_float(block.samples) * 32768).astype(int)
+            samples = np.rint(layout.to_float(block.samples) * 32768).astype(int)
             assert (samples[:, 0] % 2 == 0).all() and (samples[:, 1] % 2 == 1).all()
             assert 0 <= (samples[0, 0] // 2 - block.first_sample) % 15_000 <= lag
     else:
@@ -176,8 +177,9 @@ def test_samples_of_the_future_are_refused(rng):
     check(good + decode(decoder, sent[60:]))
 
 
-def test_garbage_raises_nothing_but_wire_errors(rng):
-    layout = AudioFormat()
+@pytest.mark.parametrize('sample_format', ['s16le', 'f32le'])
+def test_garbage_raises_nothing_but_wire_errors(rng, sample_format):
+    layout = AudioFormat(sample_format)
     sent = datagrams(layout, 400, header=True)
     decoder, refused = AudioDecoder(layout), 0
     blocks = decode(decoder, [(sent[0], 0.0)])
@@ -191,6 +193,11 @@ def test_garbage_raises_nothing_but_wire_errors(rng):
     assert refused == 399
 
 
+def test_float_garbage_is_refused(rng):
+    with pytest.raises(WireError, match='float samples'):
+        AudioDecoder(AudioFormat('f32le')).decode(rng.bytes(8000), 0.0)
+
+
 def test_a_header_that_contradicts_its_datagram_is_named():
     layout = AudioFormat()
     datagram = encode_audio(layout, ramp(10), AudioHeader(0, 10, 0.0))
@@ -200,7 +207,12 @@ def test_a_header_that_contradicts_its_datagram_is_named():
 
 def test_too_many_channels_for_a_datagram_are_an_error():
     with pytest.raises(ValueError, match='do not fit'):
-        encode_audio(AudioFormat(32), np.zeros((1600, 32)))
+        encode_audio(AudioFormat('f32le', 16), np.zeros((1600, 16)))
+
+
+def test_unknown_sample_format_is_named():
+    with pytest.raises(ValueError, match="'u8'.*s16le, f32le"):
+        AudioFormat('u8')
 
 
 @pytest.mark.parametrize('size', [1, 3])

@@ -110,7 +110,7 @@ def test_an_impossible_command_is_not_sent(command):
 @pytest.mark.parametrize(('channels', 'rate'), [(0, 48_000), (65, 48_000), (2, 0), (2, 2**32 - 1)])
 def test_formats_of_sound_have_limits(channels, rate):
     with pytest.raises(ValueError, match='channels is'):
-        AudioFormat(channels, rate)
+        AudioFormat('s16le', channels, rate)
 
 
 def test_images_in_assembly_have_a_size_limit():

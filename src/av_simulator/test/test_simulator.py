@@ -32,7 +32,7 @@ from av_sim_bridge.receiving.streams import (
     TruthStream,
 )
 from av_sim_bridge.vehicle import VehicleState, to_truth
-from av_sim_bridge.wire.audio import SAMPLE, AudioFormat
+from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.image import decode_fragment
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
@@ -68,7 +68,7 @@ class Decoders:
 
     def __init__(self, layout=AudioFormat()):  # noqa: B008 (frozen)
         self.clock = CommonClock()
-        self.layout, self.ring = layout, RingBuffer(layout.channels, 4_000_000, SAMPLE)
+        self.layout, self.ring = layout, RingBuffer(layout.channels, 4_000_000, layout.dtype)
         self.audio = AudioStream(layout, self.ring, self.clock)
         self.images, self.boxes, self.states, self.depths, self.gimbal = [], [], [], [], []
         stamps = CaptureStamps()

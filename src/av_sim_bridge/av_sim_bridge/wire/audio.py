@@ -10,9 +10,9 @@ from av_sim_bridge.wire.error import WireError, check_number, check_time
 MAGIC = 1234567960
 MOST_BYTES = 65_507
 _HEADER = struct.Struct('<4i1d')   # magic, packet length with header, sequence, frames in the packet, time
+_TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}
 MOST_CHANNELS, MOST_RATE = 64, 384_000
-SAMPLE = np.dtype('<i2')
-_FULL_SCALE = 32768.0
+_LOUDEST = 16.0   # float samples beyond this (24 dB over full scale) are refused
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,18 @@ class AudioFormat:
     """Format of the samples in datagrams. Raises ValueError for an impossible one.
 
     Parameters:
+        sample_format: `s16le` or `f32le`.
         channels (1 to MOST_CHANNELS): number of interleaved channels.
         sample_rate (Hz, 1 to MOST_RATE): sample rate of each channel.
     """
 
+    sample_format: str = 's16le'
     channels: int = 2
     sample_rate: int = 48_000
 
     def __post_init__(self) -> None:
+        if self.sample_format not in _TYPES:
+            raise ValueError(f'sample_format is {self.sample_format!r}, expected one of {", ".join(_TYPES)}')
         if not (1 <= self.channels <= MOST_CHANNELS and 1 <= self.sample_rate <= MOST_RATE):
             raise ValueError(f'channels is {self.channels} and sample_rate {self.sample_rate}, expected positive numbers up to '
                              f'{MOST_CHANNELS} and {MOST_RATE}')
@@ -35,15 +39,30 @@ class AudioFormat:
     @property
     def frame_bytes(self) -> int:
         """Size of one sample of every channel (bytes)."""
-        return self.channels * SAMPLE.itemsize
+        return self.channels * self.dtype.itemsize
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Type of a sample in a datagram."""
+        return np.dtype(_TYPES[self.sample_format][0])
 
     def encode(self, samples: np.ndarray) -> bytes:
-        """The encoded samples (n, channels), full scale 1, clipped beyond it."""
-        return np.ascontiguousarray(np.clip(np.rint(samples * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE - 1), SAMPLE).tobytes()
+        """The encoded samples (n, channels), full scale 1; `s16le` clips samples beyond full scale."""
+        scale = _TYPES[self.sample_format][1]
+        if self.dtype == np.int16:
+            samples = np.clip(np.rint(samples * scale), -scale, scale - 1)
+        return np.ascontiguousarray(samples, self.dtype).tobytes()
 
     def decode(self, data: bytes) -> np.ndarray:
-        """Samples (n, channels) of 16 bits."""
-        return np.frombuffer(data, SAMPLE).reshape(-1, self.channels)
+        """Samples (n, channels) in the type of the datagram. Raises WireError for non-finite or far too large floats."""
+        samples = np.frombuffer(data, self.dtype).reshape(-1, self.channels)
+        if self.dtype == np.float32 and not (np.abs(samples) < _LOUDEST).all():
+            raise WireError('audio: float samples are not finite or far beyond full scale')
+        return samples
+
+    def to_float(self, samples: np.ndarray) -> np.ndarray:
+        """Samples (n, channels) in the type of the datagram as float32, full scale 1."""
+        return samples.astype(np.float32) / np.float32(_TYPES[self.sample_format][1])
 
 
 @dataclass(frozen=True)
@@ -59,11 +78,6 @@ class AudioHeader:
     sequence: int
     frames: int
     time: float
-
-
-def to_float(samples: np.ndarray) -> np.ndarray:
-    """Samples of 16 bits as float32, full scale 1."""
-    return samples.astype(np.float32) / np.float32(_FULL_SCALE)
 
 
 def encode_audio(layout: AudioFormat, samples: np.ndarray, header: AudioHeader | None = None) -> bytes:
