@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from av_common.rig import GimbalMount
-from av_fusion.calibration.array_calibration import SelfCalibrationSettings
-from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.gimbal_stage import JointNames
 from av_fusion.identity.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.methods import TRACKERS
-from av_fusion.state_machine import MachineSettings
+from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_fusion.tracker_protocol import Tracker
 from av_fusion.tracks.settings import FilterSettings
@@ -37,8 +35,7 @@ def check_sense(p: Any) -> None:
     Parameters:
         p: the parameters of fusion_node.
     """
-    machine = MachineSettings()
-    for name, timeout in (('sound_delay', machine.sound_timeout), ('sight_delay', machine.sight_timeout)):
+    for name, timeout in (('sound_delay', SOUND_TIMEOUT_S), ('sight_delay', SIGHT_TIMEOUT_S)):
         if abs(getattr(p, name)) >= timeout:
             raise ValueError(f'{name} is {getattr(p, name):g} s, but what is older than {timeout:g} s does not count; expected '
                              f'less, as `ros2 run av_evaluation estimate_latency` finds it')
@@ -61,9 +58,8 @@ def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     return MultiTargetTracker(TrackerSettings(
         FilterSettings(confirm_threshold=p.confirm_threshold, detection_probability=p.detection_probability,
                        assumed_visibility=p.assumed_visibility),
-        MachineSettings(p.tau), RotationSettings(enabled=p.rotation), SelfCalibrationSettings(p.self_calibration),
-        p.follow_threshold, p.policy, gimbal=gimbal, visits=p.visits, types=types_of(p.types), sound_delay=p.sound_delay,
-        sight_delay=p.sight_delay))
+        p.tau, p.rotation, self_calibration=p.self_calibration, follow_threshold=p.follow_threshold, policy=p.policy,
+        gimbal=gimbal, visits=p.visits, types=types_of(p.types), sound_delay=p.sound_delay, sight_delay=p.sight_delay))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -50,26 +49,10 @@ CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and
 CUE_WRONG = 0.2  # probability that a cue concerns another target
 RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, whose commands have the same rate
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
-
-
-@dataclass(frozen=True)
-class FusionStageSettings:
-    """Settings of a `FusionStage`.
-
-    Parameters:
-        clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
-            not used.
-        missing_after (s): an input without messages for this long is reported as missing.
-        visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
-        transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
-        stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
-    """
-
-    clock_tolerance: float = 2.0
-    missing_after: float = 1.0
-    visibility_age: float = 1.0
-    transform_wait: float = 0.15
-    stop_at_faults: bool = True
+CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
+MISSING_AFTER_S = 1.0  # without messages, from which an input is reported as missing
+VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
+TRANSFORM_WAIT_S = 0.15  # how long a measurement waits for the orientation of its sensor at its capture time
 
 
 class FusionOutput(NamedTuple):
@@ -95,20 +78,19 @@ class FusionStage:
     Parameters:
         tracker: estimates the track.
         converter: converts messages to measurements in the body frame.
-        settings: see `FusionStageSettings`.
         observer: is called with measurements and tracks, or None.
         gimbal: orientations of the gimbal that carries the cameras, added to by `on_gimbal`; None without one.
         detections: topics of the detections, one for each camera.
         consistency: see the attribute.
+        stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
-    def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
-                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None,
-                 detections: Sequence[str] = (DETECTIONS,), consistency: ConsistencyMonitor | None = None) -> None:
-        self.consistency = consistency
-        self.settings = settings or FusionStageSettings()
+    def __init__(self, tracker: Tracker, converter: MeasurementConverter, observer: FusionObserver | None = None,
+                 gimbal: GimbalHistory | None = None, detections: Sequence[str] = (DETECTIONS,),
+                 consistency: ConsistencyMonitor | None = None, stop_at_faults: bool = True) -> None:
+        self.consistency, self._stop_at_faults = consistency, stop_at_faults
         self.tracker, self.converter = tracker, converter
-        self.gate = InputGate((DOA, *detections, ODOMETRY), self.settings.clock_tolerance)
+        self.gate = InputGate((DOA, *detections, ODOMETRY), CLOCK_TOLERANCE_S)
         self._observer = observer
         self._period = 1.0 / RATE_HZ
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
@@ -129,7 +111,7 @@ class FusionStage:
     def on_detections(self, message: Detection2DArray, arrival: float, topic: str = DETECTIONS) -> FusionOutput | None:
         """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
 
-        An image whose camera moves waits for up to `transform_wait` until the camera's orientation is known.
+        An image whose camera moves waits for up to TRANSFORM_WAIT_S until the camera's orientation is known.
 
         Parameters:
             message: detections in one image.
@@ -202,7 +184,7 @@ class FusionStage:
         Raises ValueError for a place that is none, and for a stamp of another clock.
         """
         direction, stamp = cue_direction(message), to_seconds(message.header.stamp)
-        if not -self.settings.clock_tolerance <= stamp - arrival <= FUTURE_S:
+        if not -CLOCK_TOLERANCE_S <= stamp - arrival <= FUTURE_S:
             raise ValueError(f'stamp of a cue {stamp - arrival:+.2f} s from its arrival')
         if message.header.frame_id == BASE_FRAME or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
             return
@@ -236,7 +218,7 @@ class FusionStage:
 
     def missing(self, now: float) -> list[str]:
         """Names of inputs without recent messages; odometry also where its attitude is old, frozen or not known."""
-        silent = self.gate.silent(now, self.settings.missing_after)
+        silent = self.gate.silent(now, MISSING_AFTER_S)
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def refuse_contested(self, publishers: Mapping[str, list[str]]) -> None:
@@ -276,7 +258,7 @@ class FusionStage:
                 try:
                     used = self._use(name, message, arrival) or used
                 except NotYetKnownError:
-                    if arrival <= now < arrival + self.settings.transform_wait:
+                    if arrival <= now < arrival + TRANSFORM_WAIT_S:
                         break
                     self.untransformed += 1
                 except ValueError:
@@ -289,7 +271,7 @@ class FusionStage:
         if name == DOA:
             return self._use_doa(message, arrival)
         stamp, visibility = self._visibility
-        near = name == DETECTIONS and abs(to_seconds(message.header.stamp) - stamp) < self.settings.visibility_age
+        near = name == DETECTIONS and abs(to_seconds(message.header.stamp) - stamp) < VISIBILITY_AGE_S
         return self._use_detections(message, arrival, visibility if near else math.nan)
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
@@ -323,7 +305,7 @@ class FusionStage:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
             track, targets = _as_predictions(track, targets, reason)
-        elif self.consistency is not None and self.settings.stop_at_faults and track.state != State.NONE:
+        elif self.consistency is not None and self._stop_at_faults and track.state != State.NONE:
             belief = self.consistency.belief
             track = belief.of(track)
             targets = targets._replace(targets=tuple([one._replace(track=belief.of(one.track)) for one in targets.targets]))
@@ -372,7 +354,6 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
     """
     converter = MeasurementConverter(rotation_of, camera=camera)
     check = parameters.setup_check
-    settings = FusionStageSettings(stop_at_faults=check == 'stop')
     tracker = tracker or make_tracker(parameters)
     monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
-    return FusionStage(tracker, converter, settings, observer, gimbal, detections, monitor)
+    return FusionStage(tracker, converter, observer, gimbal, detections, monitor, check == 'stop')

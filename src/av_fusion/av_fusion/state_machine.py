@@ -3,35 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from av_common.track import State
 
-
-@dataclass(frozen=True)
-class MachineSettings:
-    """Settings of `StateMachine`.
-
-    Parameters:
-        tau: score of a detection from which the camera leads.
-        sight_timeout, sound_timeout (s): age up to which an image, or a direction of arrival, is used.
-
-    Raises ValueError for values out of range.
-    """
-
-    tau: float = 0.5
-    sight_timeout: float = 0.5
-    sound_timeout: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.tau <= 1.0:
-            raise ValueError(f'tau is {self.tau}, expected a score between 0 and 1')
+SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S = 0.5, 1.0  # age up to which an image, or a direction of arrival, is used
 
 
 class StateMachine:
     """Decides which sensor leads.
 
     Attributes:
+        tau: score of a detection from which the camera leads.
         state: the current state.
         reason: reason of the last change.
         changed (s): time of the last change.
@@ -39,11 +21,11 @@ class StateMachine:
         sound_confidence: confidence of the newest direction of arrival.
 
     Parameters:
-        settings: see `MachineSettings`.
+        tau: see the attribute.
     """
 
-    def __init__(self, settings: MachineSettings | None = None) -> None:
-        self.settings = settings or MachineSettings()
+    def __init__(self, tau: float = 0.5) -> None:
+        self.tau = tau
         self.restart()
 
     def restart(self) -> None:
@@ -86,14 +68,13 @@ class StateMachine:
             tracked: whether a target is followed; without one the state is NONE.
             why: why none is followed; empty where nothing is tracked.
         """
-        settings = self.settings
-        recent_image = time - self._newest_image <= settings.sight_timeout
+        recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
         if not tracked:
             wanted = State.NONE
-        elif recent_image and self.sight_confidence >= settings.tau:
+        elif recent_image and self.sight_confidence >= self.tau:
             wanted = State.VISUAL_ACTIVE
         else:
-            recent_doa = time - self._associated_doa <= settings.sound_timeout
+            recent_doa = time - self._associated_doa <= SOUND_TIMEOUT_S
             wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
         if wanted != self.state or not tracked:
             self.changed = time if wanted != self.state else self.changed
@@ -107,10 +88,9 @@ class StateMachine:
     def _reason(self, state: State, recent_image: bool, why: str) -> str:
         if state == State.NONE:
             return f'no target: {why or "nothing is heard or seen"}'
-        gate = self.settings.tau
         if state == State.VISUAL_ACTIVE:
-            return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
-        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
+            return f'sight confidence {self.sight_confidence:.2f} >= {self.tau:.2f}'
+        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {self.tau:.2f}' if recent_image else 'no recent image'
         if state == State.ACOUSTIC_ACTIVE:
             return weak_sight
         return f'{weak_sight} and no recent direction of arrival that fits the track: it is predicted'

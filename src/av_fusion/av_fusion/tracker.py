@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from av_common.rig import GimbalMount
 from av_common.track import Source, State, Target, Targets, Track
-from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
+from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.camera_looks import CameraLooks
-from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, RotationSettings, Tilt, View
+from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt, View
 from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import Vector
 from av_fusion.placed import placed
-from av_fusion.state_machine import MachineSettings, StateMachine
+from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S, StateMachine
 from av_fusion.tracks.filter import LOOK_S, MultiBernoulliFilter
 from av_fusion.tracks.likelihood import mirror_axis
 from av_fusion.tracks.settings import FilterSettings
@@ -26,6 +26,8 @@ from av_fusion.tracks.track import Track as FilterTrack
 
 SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
            (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
+COAST_S = 3.0  # longest prediction of a track that no measurement supports
+VISIT_S = 1.0  # duration of a visit of the camera
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
 
@@ -35,27 +37,26 @@ class TrackerSettings:
 
     Parameters:
         filter: models of targets and sensors.
-        machine, rotation, self_calibration: settings of the parts.
+        tau: score of a detection from which the camera leads.
+        rotation: whether rotations are requested; fixed_rotation (rad): instead of planned ones, 0 for these.
+        self_calibration: whether the array is calibrated by the camera.
         follow_threshold: probability of a drone from which a target is followed.
         policy: which target is followed, see `Selection`.
-        coast (s): longest prediction of a track that no measurement supports.
         gimbal: the gimbal that carries the camera, which then looks where the target is heard; None for a fixed camera.
         visits: whether a camera on a gimbal visits several targets in turn, instead of the followed one alone.
-        dwell (s): duration of a visit.
         types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
         sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
     """
 
     filter: FilterSettings = field(default_factory=FilterSettings)
-    machine: MachineSettings = field(default_factory=MachineSettings)
-    rotation: RotationSettings = field(default_factory=RotationSettings)
-    self_calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
+    tau: float = 0.5
+    rotation: bool = True
+    fixed_rotation: float = 0.0
+    self_calibration: bool = True
     follow_threshold: float = 0.5
     policy: str = 'certain'
-    coast: float = 3.0
     gimbal: GimbalMount | None = None
     visits: bool = False
-    dwell: float = 1.0
     types: dict[str, float] = field(default_factory=dict)
     sound_delay: float = 0.0
     sight_delay: float = 0.0
@@ -79,9 +80,9 @@ class MultiTargetTracker:
     def __init__(self, settings: TrackerSettings | None = None) -> None:
         self.settings = settings or TrackerSettings()
         self.motion = RigMotion()
-        self.machine = StateMachine(self.settings.machine)
-        self.planner = RotationPlanner(self.settings.rotation)
-        self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell) if self.settings.gimbal else None
+        self.machine = StateMachine(self.settings.tau)
+        self.planner = RotationPlanner(self.settings.rotation, self.settings.fixed_rotation)
+        self.looks = CameraLooks(self.settings.gimbal, VISIT_S) if self.settings.gimbal else None
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)
@@ -102,7 +103,7 @@ class MultiTargetTracker:
         self.machine.restart()
         self.planner.cancel()
         if self.settings.gimbal:
-            self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell)
+            self.looks = CameraLooks(self.settings.gimbal, VISIT_S)
         self._targets = Targets(0.0)
         self._view = NO_CAMERA
         self._mirror_axis = None
@@ -149,7 +150,7 @@ class MultiTargetTracker:
         score = followed.score if followed is not None else usable.best.score if usable.best is not None else 0.0
         self.machine.on_image(time, score)
         if self.looks is not None:
-            self.looks.on_image(time, usable, self.motion, score >= self.machine.settings.tau)
+            self.looks.on_image(time, usable, self.motion, score >= self.machine.tau)
 
     def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """See `Tracker`."""
@@ -205,7 +206,7 @@ class MultiTargetTracker:
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `Tracker`."""
-        self.machine.settings = replace(self.machine.settings, tau=tau)
+        self.machine.tau = tau
         self.filter.confirm_from(confirm_threshold)
 
     def forget_emitters(self) -> int:
@@ -238,7 +239,7 @@ class MultiTargetTracker:
     def _target(self, time: float, track: FilterTrack) -> Target | None:
         """A track predicted to `time` (s); None where its direction is lost by then, or too long not measured."""
         primary = track.mixture.primary()
-        if primary is None or time - primary.measured > self.settings.coast + self.settings.machine.sound_timeout:
+        if primary is None or time - primary.measured > COAST_S + SOUND_TIMEOUT_S:
             return None
         later, attitude = track.later(time), self.motion.attitude(time)
         if later[primary].across_variance >= self.settings.filter.lost_sigma**2:
@@ -247,9 +248,8 @@ class MultiTargetTracker:
         front = (sum([component.weight * one.front_share for component, one in found.items()])
                  / sum([component.weight for component in found]))
         track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, attitude)
-        machine = self.settings.machine
-        seen = time - primary.newest_sighting <= machine.sight_timeout
-        heard = time - primary.newest_doa <= machine.sound_timeout
+        seen = time - primary.newest_sighting <= SIGHT_TIMEOUT_S
+        heard = time - primary.newest_doa <= SOUND_TIMEOUT_S
         source = SOURCES[seen, heard]
         state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
         shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,

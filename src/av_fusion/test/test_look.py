@@ -8,7 +8,7 @@ import pytest
 from av_common.angles import angles_to_direction, direction_to_angles, wrap
 from av_common.gimbal_geometry import gimbal_to_body
 from av_common.rig import GimbalMount
-from av_fusion.disambiguation.look import BUDGET_S, REST_S, LookPlanner, LookSettings, Place, Sight, in_view
+from av_fusion.disambiguation.look import BUDGET_S, REST_S, LookPlanner, Place, Sight, in_view
 
 HALF_VIEW, HALF_HEIGHT = math.radians(35.0), math.radians(27.0)
 GIMBAL = GimbalMount(pan_limits_deg=(-150.0, 150.0), tilt_limits_deg=(-45.0, 60.0))
@@ -26,7 +26,7 @@ class Search:
     """A gimbal that obeys, images at 10 Hz, and what the camera sees."""
 
     def __init__(self, *places, gimbal=GIMBAL, target=None, stuck=False):
-        self.planner, self.places, self.gimbal = LookPlanner(LookSettings(gimbal)), list(places), gimbal
+        self.planner, self.places, self.gimbal = LookPlanner(gimbal), list(places), gimbal
         self.target = None if target is None else angles_to_direction(*deg(*target))
         self.pan, self.tilt, self.time, self.stuck = 0.0, 0.0, 100.0, stuck
         self.looks, self.seen = [], None
@@ -115,7 +115,7 @@ def test_no_look_is_requested_that_can_tell_nothing(places):
 
 
 def test_without_a_camera_there_is_no_look():
-    planner = LookPlanner(LookSettings(GIMBAL))
+    planner = LookPlanner(GIMBAL)
     assert planner.plan(100.0, lambda: [place(60.0), place(-120.0)], None, np.eye(3)) is None
 
 
@@ -136,7 +136,7 @@ def test_a_look_stays_within_the_limits():
 
 def test_a_mount_that_is_turned_has_its_limits_turned():
     """Behind a mount that faces backwards is what is ahead of the rig."""
-    planner = LookPlanner(LookSettings(GimbalMount(pan_limits_deg=(-60.0, 60.0))))
+    planner = LookPlanner(GimbalMount(pan_limits_deg=(-60.0, 60.0)))
     backwards = np.diag([-1.0, -1.0, 1.0])
     sight = Sight(100.0, backwards, HALF_VIEW, HALF_HEIGHT)
     look = planner.plan(100.1, lambda: [place(20.0), place(160.0)], sight, backwards)

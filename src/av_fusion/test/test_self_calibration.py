@@ -9,9 +9,10 @@ import pytest
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
-from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
+from av_fusion.calibration.array_calibration import SIGMAS, ArraySelfCalibration
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_fusion.tracks.motion import MotionModel
 from av_fusion.tracks.settings import FilterSettings
 
 
@@ -25,8 +26,7 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
     """RMS error (deg) of sound alone, after 20 s in which the camera saw the target swinging."""
     random = np.random.default_rng(seed)
     sensors = SimulatedSensors(seed)
-    calibration = SelfCalibrationSettings(enabled=enabled)
-    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(usual_elevation=0.0), self_calibration=calibration))
+    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(MotionModel(usual_elevation=0.0)), self_calibration=enabled))
     errors = []
     for step in range(20 * 32):
         t = 100.0 + step / 20.0
@@ -58,7 +58,7 @@ def test_an_ideal_array_stays_ideal():
     without, _ = error_after_sight(False, 0.0, 0.0)
     refined, tracker = error_after_sight(True, 0.0, 0.0)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker.self_calibration.values) < 2.0 * np.array(SelfCalibrationSettings().sigmas))
+    assert np.all(np.abs(tracker.self_calibration.values) < 2.0 * SIGMAS)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -67,7 +67,7 @@ def test_wrong_detections_do_not_make_it_diverge(seed):
     without, _ = error_after_sight(False, 5.0, 0.05, 0.33, seed)
     refined, tracker = error_after_sight(True, 5.0, 0.05, 0.33, seed)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker.self_calibration.values) <= 2.0 * np.array(SelfCalibrationSettings().sigmas) + 1e-12)
+    assert np.all(np.abs(tracker.self_calibration.values) <= 2.0 * SIGMAS + 1e-12)
 
 
 def test_the_parameters_are_found():
@@ -92,7 +92,7 @@ def test_it_says_when_it_stands_at_its_limit():
 
 def test_it_forgets_towards_the_array_as_described():
     """Long after sight was lost a few comparisons do not hold on to an old error."""
-    self_calibration = ArraySelfCalibration(SelfCalibrationSettings(memory=5.0))
+    self_calibration = ArraySelfCalibration(memory=5.0)
     for k in range(200):
         self_calibration.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
     learned = float(np.abs(self_calibration.values).sum())
@@ -130,7 +130,7 @@ def test_a_misaligned_camera_has_little_effect():
 
 def test_a_corrected_direction_keeps_all_else_that_was_measured():
     """Its probability of being a drone, its fundamental and its window."""
-    calibration, random = ArraySelfCalibration(SelfCalibrationSettings()), np.random.default_rng(2)
+    calibration, random = ArraySelfCalibration(), np.random.default_rng(2)
     for step in range(50):
         cosine = biased_measurement(0.1 * step, 0.3, math.radians(5.0), 0.0, random).cone.cosine
         calibration.compare(0.1 * step, cosine, 0.5 * math.pi - 0.3, 0.0, 1e-4, 1e-4)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
-
 from av_common.track import State
-from av_fusion.state_machine import MachineSettings, StateMachine
+from av_fusion.state_machine import StateMachine
 
 
 def test_switches_at_tau_as_published():
     """c >= tau: Visual-Active; below: Acoustic-Active; each change carries its reason."""
-    machine = StateMachine(MachineSettings(tau=0.5))
+    machine = StateMachine(0.5)
     for time, confidence, expected in ((1.0, 0.5, State.VISUAL_ACTIVE), (1.1, 0.49, State.ACOUSTIC_ACTIVE),
                                        (1.2, 0.9, State.VISUAL_ACTIVE)):
         machine.on_doa(time, 0.9)
@@ -21,17 +19,10 @@ def test_switches_at_tau_as_published():
 
 def test_old_senses_do_not_count():
     """A frozen camera hands over to sound, silence to coasting, no track to none."""
-    machine = StateMachine(MachineSettings(sight_timeout=0.5, sound_timeout=1.0))
+    machine = StateMachine()
     machine.on_image(1.0, 0.9)
     machine.on_doa(1.0, 0.9)
     assert machine.step(1.4, True) == State.VISUAL_ACTIVE
     assert machine.step(1.6, True) == State.ACOUSTIC_ACTIVE
     assert machine.step(2.1, True) == State.COASTING
     assert machine.step(2.2, False) == State.NONE
-
-
-@pytest.mark.parametrize('wrong', [{'tau': 1.5}, {'tau': -0.1}])
-def test_impossible_settings_are_refused(wrong):
-    """The error names the parameter."""
-    with pytest.raises(ValueError, match='tau'):
-        MachineSettings(**wrong)

@@ -10,11 +10,11 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_common.track import Source, State
-from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, RotationSettings, Tilt
+from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, Tilt
 from av_fusion.gated.tracker import GatedTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_fusion.tracker import MultiTargetTracker
 
 TURN_RATE = math.radians(40.0)
 
@@ -265,40 +265,39 @@ def test_without_detections_either_side_of_end_fire_stays_open():
         assert not track.resolved or abs(math.degrees(track.azimuth)) > 75.0
 
 
-def test_a_rotation_that_is_asked_for_is_requested_until_it_has_resolved_front_and_back():
-    """Before the patience of the tracker has ended; there is nothing to ask for before and afterwards."""
-    tracker, asked = MultiTargetTracker(TrackerSettings(rotation=RotationSettings(patience=60.0))), []
+def test_a_rotation_can_be_asked_for_while_front_and_back_are_open():
+    """There is nothing to ask for before and afterwards."""
+    tracker, asked = MultiTargetTracker(), []
     with pytest.raises(ValueError, match='would not help'):
         tracker.planner.ask(100.0)
 
     def azimuth(time):
-        if time >= 2.0 and not asked:
+        if time >= 0.2 and not asked:
             tracker.planner.ask(100.0 + time)
             asked.append(time)
         return math.radians(150)
 
-    times, tracks, truths = run(tracker, SimulatedSensors(1), azimuth, 0.0, 7.0, obey=True)
-    before = [track for time, track in zip(times, tracks, strict=True) if time < asked[0]]
-    assert {track.requested_rotation for track in before} == {0.0} and not before[-1].resolved
-    assert tracks[-1].resolved and abs(wrap(tracks[-1].azimuth - truths[-1])) < math.radians(10)
+    _, tracks, truths = run(tracker, SimulatedSensors(1), azimuth, 0.0, 5.0, obey=True)
+    assert asked and tracks[-1].resolved and abs(wrap(tracks[-1].azimuth - truths[-1])) < math.radians(10)
     with pytest.raises(ValueError, match='would not help'):
-        tracker.planner.ask(107.0)
+        tracker.planner.ask(105.0)
 
 
-def test_a_rotation_that_is_asked_for_ends_by_itself():
-    planner = RotationPlanner(RotationSettings(patience=60.0))
-    pair = [Candidate(azimuth, 0.01, 0.0, 0.01, 0.5) for azimuth in (0.6, math.pi - 0.6)]
-    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], Tilt((0.0, 1.0, 0.0)), NO_CAMERA)  # noqa: E731
+def test_a_rotation_that_is_asked_for_does_not_wait_for_a_tilt_and_ends_by_itself():
+    """A roll tells a high direction from a low one as soon as a rotation would."""
+    planner, tilt = RotationPlanner(), Tilt((0.0, 1.0, 0.0), (2.0, 0.0, 0.0))
+    pair = [Candidate(0.2, 0.01, 0.0, 0.01, 0.5, -0.5), Candidate(math.pi - 0.2, 0.01, 0.0, 0.01, 0.5, 1.0)]
+    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], tilt, NO_CAMERA)  # noqa: E731
     assert plan(10.0) == 0.0
     planner.ask(10.1)
-    assert plan(10.2) != 0.0 and plan(10.1 + ASKED_S - 0.1) != 0.0
-    assert plan(10.1 + ASKED_S + 0.1) == 0.0
+    assert plan(10.3) != 0.0 and plan(10.1 + ASKED_S - 0.1) != 0.0
+    assert plan(10.1 + ASKED_S + 0.2) == 0.0
     planner.ask(30.0)
     assert plan(29.0) == 0.0  # the clock went back
 
 
 def test_where_rotations_are_not_enabled_none_can_be_asked_for():
-    planner = RotationPlanner(RotationSettings(enabled=False))
+    planner = RotationPlanner(enabled=False)
     with pytest.raises(ValueError, match='rotation.enabled'):
         planner.ask(10.0)
 

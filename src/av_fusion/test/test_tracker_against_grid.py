@@ -9,18 +9,18 @@ import pytest
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
-from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_fusion.tracks.component import PASSING_S
+from av_fusion.tracks.motion import MotionModel
 from av_fusion.tracks.settings import FilterSettings
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
 DT, SUBSTEPS = 0.5, 10  # windows that follow one another without overlap: every sound is new evidence
-SETTINGS = FilterSettings(usual_elevation=0.0, usual_elevation_sigma=math.radians(0.3), elevation_density=1e-8, loss_rate=0.0,
-                          sound_floor_sigma=0.0, accelerations=(0.02,), mode_shares=(1.0,),
-                          unheard_rate=0.0, sound_detection_probability=0.99)
+DENSITY = 0.02  # rad^2/s^3
+SETTINGS = FilterSettings(MotionModel(1e-8, 0.0, math.radians(0.3) ** 2, np.array([DENSITY]), np.ones(1)), loss_rate=0.0,
+                          sound_floor_sigma=0.0, unheard_rate=0.0, sound_detection_probability=0.99)
 
 
 class Histogram:
@@ -28,7 +28,7 @@ class Histogram:
 
     def __init__(self) -> None:
         self.mass = np.exp(-0.5 * (RATES / SETTINGS.rate_sigma) ** 2) * np.ones((len(AZIMUTHS), 1))
-        density = SETTINGS.accelerations[0] + PASSING_S * np.minimum(RATES**2, 0.5) ** 2
+        density = DENSITY + PASSING_S * np.minimum(RATES**2, 0.5) ** 2
         self._kick = np.exp(-0.5 * (RATES[:, None] - RATES) ** 2 / (density[:, None] * DT / SUBSTEPS))
         self._kick /= self._kick.sum(axis=1, keepdims=True)
         frequencies = 1j * np.fft.fftfreq(len(AZIMUTHS), 1.0 / len(AZIMUTHS))[:, None]
@@ -62,7 +62,7 @@ class Histogram:
 @pytest.mark.parametrize('start_deg', [20.0, 150.0, -130.0, -40.0])
 def test_mixture_is_the_posterior(start_deg):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
-    tracker = MultiTargetTracker(TrackerSettings(SETTINGS, rotation=RotationSettings(enabled=False)))
+    tracker = MultiTargetTracker(TrackerSettings(SETTINGS, rotation=False))
     histogram, sensors = Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):

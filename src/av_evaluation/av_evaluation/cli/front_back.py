@@ -16,7 +16,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import repeat
 
 import numpy as np
@@ -24,7 +24,6 @@ import numpy as np
 from av_common.angles import wrap
 from av_common.rig import GimbalMount, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.gated.tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
@@ -112,8 +111,7 @@ def tracker_of(method: str, gimbal: GimbalMount | None = None) -> MultiTargetTra
     """The tracker of one of METHODS, on a rig with a gimbal or without one."""
     if method == 'published':
         return GatedTracker()
-    rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
-    return MultiTargetTracker(TrackerSettings(rotation=rotation, gimbal=gimbal))
+    return MultiTargetTracker(TrackerSettings(fixed_rotation=FIXED if method == 'fixed' else 0.0, gimbal=gimbal))
 
 
 def resolve(start: Start, method: str, seen: bool = False) -> Resolution:

@@ -32,7 +32,7 @@ from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
-from av_fusion.stage import FusionStage, make_fusion_stage
+from av_fusion.stage import CLOCK_TOLERANCE_S, FusionStage, make_fusion_stage
 from av_fusion.tracker_protocol import Tracker
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
@@ -282,11 +282,10 @@ class Replay:
         for problem, count in sorted(self._pipeline.problems.items()):
             self._lose(f'{count} message{"s" if count > 1 else ""} of {problem}')
         if self._fusion is not None:
-            tolerance = self._fusion.settings.clock_tolerance
             for name, count in self._fusion.gate.foreign_stamps.items():
                 if count:
-                    self._lose(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s before "
-                               f"the bag's time, or {FUTURE_S:g} s after it")
+                    self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
+                               f"before the bag's time, or {FUTURE_S:g} s after it")
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 

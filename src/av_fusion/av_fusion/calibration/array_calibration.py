@@ -15,7 +15,6 @@ eq. 11.12) estimates the five parameters. The prior is the array as described; f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from operator import mul
 
 import numpy as np
@@ -27,41 +26,25 @@ from av_fusion.measurement.vectors import quaternion_of, rotation, turned
 SIGHT_CORRELATION_S = 5.0  # errors of the camera's calibration persist; comparisons within this time are not independent
 LEAST_CONFIDENCE = 0.5  # of detections and of directions of arrival that are compared
 NAMES = ('axis offset', 'baseline scale', 'channel delay', 'curvature 2', 'curvature 3')
-
-
-@dataclass(frozen=True)
-class SelfCalibrationSettings:
-    """Settings of `ArraySelfCalibration`.
-
-    Parameters:
-        enabled: whether the array is calibrated at all.
-        memory (s): time constant of forgetting.
-        sigmas (5; rad, then relative to the cosine): prior standard deviations of the parameters.
-        bound: largest correction, in prior standard deviations.
-        gate: largest innovation of a comparison that is used, in standard deviations.
-    """
-
-    enabled: bool = True
-    memory: float = 60.0
-    sigmas: tuple[float, ...] = (math.radians(5.0), 0.05, 0.02, 0.02, 0.02)
-    bound: float = 2.0
-    gate: float = 4.0
+SIGMAS = np.array([math.radians(5.0), 0.05, 0.02, 0.02, 0.02])  # of their prior: rad, then relative to the cosine
+BOUNDS = 2.0 * SIGMAS  # largest corrections
+GATE = 4.0  # largest innovation of a comparison that is used, in standard deviations
+MEMORY_S = 60.0  # time constant of forgetting
 
 
 class ArraySelfCalibration:
     """Recursive estimate of the array's parameters: `compare` updates it, `corrected` applies it.
 
     Parameters:
-        settings: see `SelfCalibrationSettings`; defaults where None.
+        memory (s): time constant of forgetting.
 
     Attributes:
         compared: number of comparisons used so far.
     """
 
-    def __init__(self, settings: SelfCalibrationSettings | None = None) -> None:
-        self.settings = settings or SelfCalibrationSettings()
-        self._prior = np.diag(1.0 / np.square(self.settings.sigmas))  # information matrix
-        self._bounds = self.settings.bound * np.asarray(self.settings.sigmas)
+    def __init__(self, memory: float = MEMORY_S) -> None:
+        self._memory = memory
+        self._prior = np.diag(1.0 / SIGMAS**2)  # information matrix
         self._gained = np.zeros_like(self._prior)  # information beyond the prior
         self._covariance = np.linalg.inv(self._prior)
         self._vector = np.zeros(len(NAMES))
@@ -82,8 +65,8 @@ class ArraySelfCalibration:
     @property
     def at_limit(self) -> list[str]:
         """Names of the parameters that are learnt, and would be corrected by more than is permitted."""
-        learnt = self.sigmas < 0.5 * np.asarray(self.settings.sigmas)
-        return [name for name, stands in zip(NAMES, learnt & (np.abs(self.values) >= self._bounds), strict=True) if stands]
+        learnt = self.sigmas < 0.5 * SIGMAS
+        return [name for name, stands in zip(NAMES, learnt & (np.abs(self.values) >= BOUNDS), strict=True) if stands]
 
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:
@@ -98,7 +81,7 @@ class ArraySelfCalibration:
 
         Returns whether the comparison was used.
         """
-        if not (self.settings.enabled and math.isfinite(measured) and 0.0 < variance < math.inf):
+        if not (math.isfinite(measured) and 0.0 < variance < math.inf):
             return False
         slopes = sensitivities(azimuth, elevation)
         row = np.array(slopes)
@@ -106,16 +89,16 @@ class ArraySelfCalibration:
         seconds = min(max(time - self._time, 0.01), SIGHT_CORRELATION_S)
         variance += seen_variance * slopes[0] ** 2 * SIGHT_CORRELATION_S / seconds
         spread = float(row.dot(self._covariance).dot(row)) + variance
-        if (residual - sum(map(mul, slopes, self._values))) ** 2 > self.settings.gate**2 * spread:
+        if (residual - sum(map(mul, slopes, self._values))) ** 2 > GATE**2 * spread:
             return False
-        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self.settings.memory)
+        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self._memory)
         self._time = max(self._time, time)
         weighed = row / variance
         self._gained = kept * self._gained + row[:, None] * weighed
         self._vector = kept * self._vector + residual * weighed
         self._covariance = np.linalg.inv(self._prior + self._gained)
         values = self._covariance.dot(self._vector)
-        self._values = np.minimum(np.maximum(values, -self._bounds), self._bounds).tolist()
+        self._values = np.minimum(np.maximum(values, -BOUNDS), BOUNDS).tolist()
         self.compared += 1
         return True
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration, SelfCalibrationSettings
+from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
 from av_fusion.calibration.sighting_history import Sighting, SightingHistory
 from av_fusion.measurement.measurements import Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
@@ -22,14 +22,14 @@ class SightingCalibration:
         array: what is known of the array.
 
     Parameters:
-        settings: see `SelfCalibrationSettings`.
+        enabled: whether they are compared at all.
         floor (rad): error of directions of arrival beyond what they report.
         motion: attitude of the rig.
     """
 
-    def __init__(self, settings: SelfCalibrationSettings, floor: float, motion: RigMotion) -> None:
-        self._floor, self._motion = floor, motion
-        self.array = ArraySelfCalibration(settings)
+    def __init__(self, enabled: bool, floor: float, motion: RigMotion) -> None:
+        self._enabled, self._floor, self._motion = enabled, floor, motion
+        self.array = ArraySelfCalibration()
         self.reset()
 
     def reset(self) -> None:
@@ -42,7 +42,7 @@ class SightingCalibration:
 
     def see(self, time: float, best: Detection | None) -> None:
         """Note the best detection of an image captured at `time` (s), if it is certain enough."""
-        if best is not None and best.score >= LEAST_CONFIDENCE:
+        if self._enabled and best is not None and best.score >= LEAST_CONFIDENCE:
             seen = turned(self._motion.attitude(time), direction(best.azimuth, best.elevation))
             self._sightings.add(Sighting(time, seen, best.across_variance))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.rig import GimbalMount
-from av_fusion.disambiguation.look import LookPlanner, LookSettings, Place, Sight
+from av_fusion.disambiguation.look import LookPlanner, Place, Sight
 from av_fusion.disambiguation.visit import VisitedTarget, VisitPlanner
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
@@ -32,7 +32,7 @@ class CameraLooks:
     """
 
     def __init__(self, gimbal: GimbalMount, dwell: float = 1.0) -> None:
-        self.planner = LookPlanner(LookSettings(gimbal))
+        self.planner = LookPlanner(gimbal)
         self.visits = VisitPlanner(gimbal, dwell)
         self._gimbal = gimbal
         self._sight: Sight | None = None

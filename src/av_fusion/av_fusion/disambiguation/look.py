@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -69,29 +68,15 @@ class Sight(NamedTuple):
     half_height: float
 
 
-@dataclass(frozen=True)
-class LookSettings:
-    """Settings of `LookPlanner`.
-
-    Parameters:
-        gimbal: limits, rate and mount of the gimbal.
-        enabled: whether looks are requested.
-    """
-
-    gimbal: GimbalMount
-    enabled: bool = True
-
-
 class LookPlanner:
     """Requests looks of the camera until one shows the target, or none is likely to.
 
     Parameters:
-        settings: see `LookSettings`.
+        gimbal: carries the camera.
     """
 
-    def __init__(self, settings: LookSettings) -> None:
-        self.settings = settings
-        self._reach = GimbalReach(settings.gimbal)
+    def __init__(self, gimbal: GimbalMount) -> None:
+        self._reach = GimbalReach(gimbal)
         self._since: float | None = None  # first of the looks in a row
         self._rests_until = self._planned = -math.inf
         self._look: Matrix | None = None  # direction in the world
@@ -129,7 +114,7 @@ class LookPlanner:
         elif time > self._planned + FORGET_S:
             self._since, self._look, self._rests_until = None, None, -math.inf
         self._planned = time
-        places = find_places() if self.settings.enabled and sight is not None and time >= self._rests_until else []
+        places = find_places() if sight is not None and time >= self._rests_until else []
         if sight is None or not places:
             self._look = None
             return None

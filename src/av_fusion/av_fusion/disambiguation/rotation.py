@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,31 +26,10 @@ ASKED_S = 10.0  # for which a rotation that a person asks for is requested
 TILT_S = 0.5  # for which a tilt continues at its present rate
 LEAST_TILT_RATE = math.radians(3.0)  # rad/s, from which the rig may wait for its tilt instead of turning
 SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
-
-
-@dataclass(frozen=True)
-class RotationSettings:
-    """Settings of `RotationPlanner`.
-
-    Parameters:
-        enabled: whether rotations are requested.
-        patience (s): duration of the ambiguity after which a rotation is requested.
-        rate (rad/s): expected rate of the rotation.
-        sector (rad): largest rotation to either side of the heading of the first request.
-        fixed (rad): non-zero requests this rotation always, as in the publication.
-        broadside_sigma (rad): error of a direction of arrival at broadside.
-        window (s): length of the analysis window of this error.
-        needed_odds: odds between both directions that resolve the ambiguity.
-    """
-
-    enabled: bool = True
-    patience: float = 0.0
-    rate: float = math.radians(40.0)
-    sector: float = math.pi
-    fixed: float = 0.0
-    broadside_sigma: float = math.radians(2.0)
-    window: float = 0.5
-    needed_odds: float = 19.0
+RATE = math.radians(40.0)  # rad/s, expected of the rotation
+SECTOR = math.pi  # rad, largest rotation to either side of the heading of the first request
+BROADSIDE_SIGMA, WINDOW_S = math.radians(2.0), 0.5  # error of a direction of arrival at broadside, and the window that it is of
+NEEDED_ODDS = 19.0  # between both directions, that resolve the ambiguity: a probability of 0.95
 
 
 class Candidate(NamedTuple):
@@ -126,12 +104,13 @@ class RotationPlanner:
     """Requests a rotation while the ambiguity persists and a rotation helps to resolve it.
 
     Parameters:
-        settings: see `RotationSettings`.
+        enabled: whether rotations are requested.
+        fixed (rad): non-zero requests this rotation always, as in the publication.
     """
 
-    def __init__(self, settings: RotationSettings | None = None) -> None:
-        self.settings = settings or RotationSettings()
-        self._since: float | None = None
+    def __init__(self, enabled: bool = True, fixed: float = 0.0) -> None:
+        self._enabled, self._fixed = enabled, fixed
+        self._is_open = False  # whether there is an ambiguity
         self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
         self._planned = -math.inf
@@ -142,11 +121,11 @@ class RotationPlanner:
     def ask(self, time: float) -> None:
         """Request a rotation from `time` (s) on until the ambiguity is resolved, for at most ASKED_S.
 
-        Without `patience`, and before looks. Raises ValueError while there is no ambiguity, or rotations are not enabled.
+        Before looks, and even while the rig tilts. Raises ValueError while there is no ambiguity, or rotations are not enabled.
         """
-        if not self.settings.enabled:
+        if not self._enabled:
             raise ValueError('rotation.enabled is false, expected true for rotations to be requested')
-        if self._since is None:
+        if not self._is_open:
             raise ValueError('a rotation would not help now: front and back are resolved, or nothing is heard')
         self._asked = time
 
@@ -159,7 +138,7 @@ class RotationPlanner:
 
         A new ambiguity within FORGET_S continues the rotation in the same direction.
         """
-        self._since = self._target = self._centre = None
+        self._is_open, self._target, self._centre = False, None, None
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
@@ -173,31 +152,28 @@ class RotationPlanner:
             tilt: the axis between the mirror images, and how the rig tilts.
             view: of the camera.
         """
-        settings, asked = self.settings, self.is_asked(time)
         replan = not abs(time - self._planned) < REPLAN_S
         if not abs(time - self._planned) < FORGET_S:
             self._direction = 0.0
         if replan:
             ranked = [sorted(found, key=lambda candidate: -candidate.weight) for found in find_candidates()]
             self._planned, self._pairs = time, [found[:2] for found in ranked if len(found) >= 2]
-        if not settings.enabled or not self._pairs:
+        if not self._enabled or not self._pairs:
             self.cancel()
             return 0.0
-        self._since = time if self._since is None else self._since
-        if time - self._since < settings.patience and not asked:
-            return 0.0
+        self._is_open = True
         self._centre = yaw if self._centre is None else self._centre
         offset = float(wrap(yaw - self._centre))
-        if settings.fixed:
+        if self._fixed:
             return self._fixed_turn(yaw, offset)
-        left = {direction: settings.sector - direction * offset for direction in (1.0, -1.0)}
+        left = {direction: SECTOR - direction * offset for direction in (1.0, -1.0)}
         left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > DONE}
         if not left:
             return 0.0
         if replan or self._direction not in left:
             turns = [*(direction * room for direction, room in left.items()), 0.0]
-            *expected, waiting = joint_times(turns, self._pairs, tilt, view, settings).tolist()
-            if tilt.continues and waiting <= min(expected) and not asked:
+            *expected, waiting = joint_times(turns, self._pairs, tilt, view).tolist()
+            if tilt.continues and waiting <= min(expected) and not self.is_asked(time):
                 self._direction = 0.0
                 return 0.0
             gains = [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
@@ -205,35 +181,35 @@ class RotationPlanner:
         return self._direction * left[self._direction]
 
     def _fixed_turn(self, yaw: float, offset: float) -> float:
-        """The published rotation: made once, and requested again after `patience`."""
+        """The published rotation: made once, and requested again while the ambiguity persists."""
         if self._target is None:
-            if abs(offset + self.settings.fixed) > self.settings.sector:
+            if abs(offset + self._fixed) > SECTOR:
                 return 0.0
-            self._target = float(wrap(yaw + self.settings.fixed))
+            self._target = float(wrap(yaw + self._fixed))
         left = float(wrap(self._target - yaw))
         if abs(left) > DONE:
             return left
-        self._since = self._target = None
+        self._target = None
         return 0.0
 
 
-def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, view: View,
-                settings: RotationSettings) -> NDArray[np.float64]:
+def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, view: View
+                ) -> NDArray[np.float64]:
     """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
 
     The sum over targets of the probability of existence times the expected time is the integral over time of the expected
     number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
 
     Parameters:
-        turns (n,) (rad), tilt, view, settings: see `expected_times`.
+        turns (n,) (rad), tilt, view: see `expected_times`.
         pairs: both candidates of each target, whose weights sum to its probability of existence.
     """
-    times = [expected_times(turns, first, second, tilt, view, settings) for first, second in pairs]
+    times = [expected_times(turns, first, second, tilt, view) for first, second in pairs]
     return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
-def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, view: View,
-                   settings: RotationSettings) -> NDArray[np.float64]:
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, view: View
+                   ) -> NDArray[np.float64]:
     """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
 
     A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
@@ -248,13 +224,12 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
         first, second: the candidates.
         tilt: the array's axis, and how the rig tilts.
         view: of the camera.
-        settings: see `RotationSettings`.
     """
     candidates = (first, second)
     azimuth, rate, variance, rate_variance, weight, elevation, elevation_variance = np.array(
         [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9), c.elevation, c.elevation_variance)
          for c in candidates]).T
-    turned = np.copysign(np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON), np.asarray(turns)[:, None])
+    turned = np.copysign(np.minimum(np.abs(turns)[:, None], RATE * HORIZON), np.asarray(turns)[:, None])
     course = (azimuth[:, None] + rate[:, None] * HORIZON) - turned[:, None]  # (turns, candidates, times), in the body frame
     x, y, z = tilt.course(HORIZON).T  # as the rig sees it, which turns with the rig
     level, climb = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
@@ -264,12 +239,12 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
     tilted = (level * (z - tilt.axis[2])) ** 2 * elevation_variance[:, None]
     error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2 + tilted
-             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by the true one
+             + BROADSIDE_SIGMA**2 * WINDOW_S / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     in_view = (np.cos(course - view.azimuth) > math.cos(view.half_view)).any(axis=1, keepdims=True)
     visibility = view.visibility if math.isfinite(view.visibility) else 0.0
     information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
-    needed = math.log(settings.needed_odds) - np.log(weight / weight[::-1])
+    needed = math.log(NEEDED_ODDS) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear
     beyond = HORIZON[-1] + np.maximum(needed - information[..., -1], 0.0)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
-from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner, RotationSettings, Tilt
+from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner, Tilt
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
     Detection,
@@ -25,7 +25,7 @@ from av_fusion.measurement.measurements import (
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import angles, direction, turned, turned_back
 from av_fusion.plain.tracker import FORGET_S, PlainTracker
-from av_fusion.state_machine import MachineSettings, StateMachine
+from av_fusion.state_machine import StateMachine
 from av_fusion.tracks.likelihood import share_within
 
 ROTATION = math.radians(45.0)  # that is requested
@@ -57,8 +57,8 @@ class GatedTracker(PlainTracker):
 
     def __init__(self, parameters: Any = None, gimbal: object = None) -> None:
         super().__init__(parameters, gimbal)
-        self.machine = StateMachine(MachineSettings(self.tau))
-        self.planner = RotationPlanner(RotationSettings(fixed=ROTATION))
+        self.machine = StateMachine(self.tau)
+        self.planner = RotationPlanner(fixed=ROTATION)
         self._sound_delay = 0.0 if parameters is None else float(parameters.sound_delay)
         self._sight_delay = 0.0 if parameters is None else float(parameters.sight_delay)
 
@@ -93,7 +93,7 @@ class GatedTracker(PlainTracker):
             return  # late: a newer one is known
         self._visibility = usable.visibility
         self.machine.on_image(time, best.score if best else 0.0)
-        if best and best.score >= self.machine.settings.tau:
+        if best and best.score >= self.machine.tau:
             self._detection, self._newest[Source.SIGHT] = (time, best), time
             self._unambiguous = (time, self._world_azimuth(time, best))
 
@@ -131,7 +131,7 @@ class GatedTracker(PlainTracker):
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `Tracker`."""
-        self.machine.settings = MachineSettings(tau)
+        self.machine.tau = tau
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""

@@ -25,7 +25,7 @@ from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
-from av_fusion.stage import GIMBAL, RATE_HZ, FusionOutput, make_fusion_stage
+from av_fusion.stage import CLOCK_TOLERANCE_S, GIMBAL, RATE_HZ, FusionOutput, make_fusion_stage
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -181,7 +181,7 @@ class FusionNode(RigNode):
         if any(foreign.values()):
             status.mergeSummary(
                 DiagnosticStatus.ERROR, f'{sum(foreign.values())} stamps more than '
-                f"{self._stage.settings.clock_tolerance:.0f} s before this node's clock, or {FUTURE_S:g} s after it: set "
+                f"{CLOCK_TOLERANCE_S:.0f} s before this node's clock, or {FUTURE_S:g} s after it: set "
                 'use_sim_time alike on all nodes, or synchronise the clocks')
             foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Target, Targets, Track
-from av_fusion.disambiguation.rotation import RotationPlanner, RotationSettings
+from av_fusion.disambiguation.rotation import RotationPlanner
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
@@ -35,7 +35,7 @@ class PlainTracker:
     FOLDED: ClassVar[bool] = True
 
     def __init__(self, parameters: Any = None, gimbal: object = None) -> None:
-        self.motion, self.planner = RigMotion(), RotationPlanner(RotationSettings(enabled=False))
+        self.motion, self.planner = RigMotion(), RotationPlanner(enabled=False)
         self.tau = 0.5 if parameters is None else float(parameters.tau)
         self._newest = {Source.SOUND: -math.inf, Source.SIGHT: -math.inf}
         self._id, self._tracked = 0, False

@@ -20,18 +20,19 @@ class MotionModel:
     Parameters:
         elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
         usual_elevation (rad), usual_elevation_variance (rad^2): its stationary distribution.
-        accelerations (k,) (rad^2/s^3): spectral density of the angular acceleration in each mode.
+        accelerations (k,) (rad^2/s^3): spectral density of the angular acceleration by mode: steady flight, 0.4 m/s^2 for a
+            second at 20 m, and manoeuvres, 4 m/s^2.
         shares (k,): stationary probabilities of the modes.
         sojourn (s): mean time after which the mode is drawn anew.
         usual_inverse_range (1/m): mean and standard deviation of the inverse range.
     """
 
-    elevation_density: float
-    usual_elevation: float
-    usual_elevation_variance: float
-    accelerations: NDArray[np.float64] = field(repr=False)
-    shares: NDArray[np.float64] = field(repr=False)
-    sojourn: float
+    elevation_density: float = 0.001
+    usual_elevation: float = math.radians(10.0)
+    usual_elevation_variance: float = math.radians(10.0) ** 2
+    accelerations: NDArray[np.float64] = field(default_factory=lambda: np.array([0.001, 0.1]), repr=False)
+    shares: NDArray[np.float64] = field(default_factory=lambda: np.array([0.8, 0.2]), repr=False)
+    sojourn: float = 1.0
     usual_inverse_range: float = 0.03
 
     @property

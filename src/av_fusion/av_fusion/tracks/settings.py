@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from av_fusion.tracks.motion import MotionModel
 
@@ -16,11 +13,7 @@ class FilterSettings:
     """Models of targets and sensors.
 
     Parameters:
-        accelerations (rad^2/s^3): spectral density of the angular acceleration by mode of motion: steady flight, 0.4 m/s^2 for
-            a second at 20 m, and manoeuvres, 4 m/s^2.
-        mode_shares, mode_sojourn (s): share of the time in each of these modes, and mean time after which it is drawn anew.
-        elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
-        usual_elevation, usual_elevation_sigma (rad): mean and stationary standard deviation of the elevation.
+        model: motion of targets.
         rate_sigma (rad/s): prior standard deviation of the angular rate.
         loss_rate (1/s): rate at which targets disappear.
         sound_floor_sigma (rad): error of directions of arrival beyond what they report.
@@ -40,12 +33,7 @@ class FilterSettings:
         most_tracks: the least certain tracks beyond this number end.
     """
 
-    accelerations: tuple[float, ...] = (0.001, 0.1)
-    mode_shares: tuple[float, ...] = (0.8, 0.2)
-    mode_sojourn: float = 1.0
-    elevation_density: float = 0.001
-    usual_elevation: float = math.radians(10.0)
-    usual_elevation_sigma: float = math.radians(10.0)
+    model: MotionModel = field(default_factory=MotionModel)
     rate_sigma: float = 0.3
     loss_rate: float = 0.002
     sound_floor_sigma: float = math.radians(0.5)
@@ -64,9 +52,3 @@ class FilterSettings:
     lost_sigma: float = math.radians(30.0)
     duplicate_time: float = 10.0
     most_tracks: int = 50
-
-    @cached_property
-    def model(self) -> MotionModel:
-        """Motion of targets."""
-        return MotionModel(self.elevation_density, self.usual_elevation, self.usual_elevation_sigma**2,
-                           np.array(self.accelerations), np.array(self.mode_shares), self.mode_sojourn)
