@@ -280,6 +280,9 @@ class FilterBank:
         passed = (beside != 0.0) * RATE_SIGMA * self._unseen  # of another thing the rate is not known
         variance = event.covariance + (moved**2 + passed**2)[:, None, None] * by_angle[:, :, None] * by_angle[:, None, :]
         variance[:ALONE, 1:, 1:] += event.covariance[1:, 1:]
+        if len(event.axes) > 1:  # the direction lies on a circle: second order of the angle's error (Jazwinski 1970)
+            bent = 0.5 * np.minimum(self.covariance[:, TARGET, TARGET], 1.0) ** 2
+            variance += bent[:, None, None] * along[:, :, None] * along[:, None, :]
         return left, *self._compare(left, slopes, variance)
 
     def _adapt(self, left: NDArray, slopes: NDArray, variance: NDArray) -> None:
