@@ -320,7 +320,7 @@ class GaussianComponent:
         return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
                              variances[1])
 
-    def predict_hidden(self, time: float, visibility: float) -> None:
+    def predict_hidden(self, time: float, visibility: float, is_known: bool) -> None:
         """Predict the probability that the target is hidden to the time of an image.
 
         What hides a target changes slowly, over OCCLUSION_S: a hundred images without it are hardly more evidence than one.
@@ -331,11 +331,12 @@ class GaussianComponent:
         Parameters:
             time (s): capture time of the image.
             visibility: visibility of the image, 0..1.
+            is_known: whether that is known, and bounds what this image shows, or assumed.
         """
         usual, kept = 1.0 - (1.0 - OCCLUDED) * visibility, 1.0
         if time > self.hidden_time:
             kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
-        self.p_hidden = usual + kept * (self.p_hidden - usual)
+        self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual or not is_known else usual
 
     def missed_detection(self, chance: float) -> float:
         """Probability that an image does not show the target, where one that is not hidden is detected with `chance`."""

@@ -15,6 +15,8 @@ from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.past_state import PastState, Row
 
+TOLERANCE = math.radians(3.0)  # of an elevation beyond its variance: targets climb faster than they turn
+
 
 class Deviation(NamedTuple):
     """A scalar measurement compared with a prediction.
@@ -24,22 +26,24 @@ class Deviation(NamedTuple):
         innovations (k,): measured minus predicted value, in each mode of motion.
         totals (k,): variance of the innovation.
         noise: the measurement's part of it.
+        tolerance: variance by which larger innovations are expected.
     """
 
     row: Row
     innovations: NDArray[np.float64]
     totals: NDArray[np.float64]
     noise: float
+    tolerance: float = 0.0
 
     @classmethod
-    def of(cls, past: PastState, row: Row, innovation: float, noise: float) -> Deviation:
+    def of(cls, past: PastState, row: Row, innovation: float, noise: float, tolerance: float = 0.0) -> Deviation:
         """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
-        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
+        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise, tolerance)
 
     @property
     def distances(self) -> NDArray[np.float64]:
         """Square of the innovation in standard deviations, (k,)."""
-        return self.innovations**2 / self.totals
+        return self.innovations**2 / (self.totals + self.tolerance)
 
 
 def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
@@ -93,7 +97,7 @@ class WorldDirection(NamedTuple):
         across, up = (h / norm, v / norm), (-v / norm, h / norm)
         x, y = past.offset(self.vector)
         return (Deviation.of(past, across, across[0] * x + across[1] * y, self.across_variance),
-                Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance))
+                Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance, TOLERANCE**2))
 
     def _beside(self, past: PastState) -> Deviation:
         """The deviation from the half of a great circle through the sensor's vertical, on which all elevations lie."""

@@ -15,6 +15,8 @@ from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.likelihood import Deviation, WorldDirection, distances, share_within
 from av_fusion.tracks.past_state import PastState
 
+LARGEST_ODDS = 99.0  # that a detection is the target
+
 
 class Image(NamedTuple):
     """An image in the world.
@@ -25,6 +27,7 @@ class Image(NamedTuple):
         directions: those of the detections in the world.
         view: axes of the camera in the world.
         visibility: 0..1, known or assumed.
+        is_known: whether it was stated with the image.
         fraction: effective sample fraction.
     """
 
@@ -33,14 +36,16 @@ class Image(NamedTuple):
     directions: Sequence[WorldDirection]
     view: Sequence[Vector]
     visibility: float
+    is_known: bool
     fraction: float
 
     @classmethod
     def of(cls, time: float, measurement: CameraMeasurement, attitude: Rows, visibility: float, fraction: float) -> Image:
         """The image turned into the world by the rig's attitude of its time; `visibility` where it has none."""
+        is_known = math.isfinite(measurement.visibility)
         return cls(time, measurement, [WorldDirection.of(detection, attitude) for detection in measurement.detections],
                    [turned(attitude, axis) for axis in zip(*measurement.view, strict=True)],
-                   measurement.visibility if math.isfinite(measurement.visibility) else visibility, fraction)
+                   measurement.visibility if is_known else visibility, is_known, fraction)
 
 
 class SightComparison(NamedTuple):
@@ -104,5 +109,5 @@ def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMe
 
 def odds_of(detection: Detection) -> float:
     """Odds that a detection is the target."""
-    return detection.score / max(1.0 - detection.score, 0.01)
+    return min(detection.score / max(1.0 - detection.score, 0.01), LARGEST_ODDS)
 

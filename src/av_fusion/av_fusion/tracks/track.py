@@ -212,7 +212,7 @@ class Track:
     def predict_hidden(self, image: Image) -> None:
         """Predict to an image whether the target is hidden from the camera."""
         for component in self.mixture.components:
-            component.predict_hidden(image.time, image.visibility)
+            component.predict_hidden(image.time, image.visibility, image.is_known)
 
     def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
         """Each component compared with an image; `place` is the result of `predict`."""
