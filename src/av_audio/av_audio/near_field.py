@@ -1,4 +1,4 @@
-"""Sound from within a metre of the microphones, as the rig's own rotors are: where it arrives earlier it is louder, too.
+"""Sound from within half a metre of the microphones, as the rig's own rotors are: where it arrives earlier it is louder, too.
 
 A wave from a distance r reaches one microphone at a path that is shorter by d than that to another, with an amplitude that
 is larger by d / r in its logarithm. A target is far: its paths differ, its levels do not. Between the frequencies of a window,
@@ -29,12 +29,13 @@ INCOHERENT = 0.05
 CLUSTER_HZ = 40.0
 # Rotors are between these distances from the microphones of a rig, evenly in the logarithm.
 NEAREST_M, FARTHEST_M = 0.15, 0.5
-OWN = 0.1  # probability that sound of the rig is heard at all; its share of all sound is then even
+OWN = 0.01  # probability that sound of the rig is heard at all; its share of all sound is then even
 # Slopes (1/m) that own sound at a distance r with a share s of the power gives, s / r, with their prior densities: where it is
 # the louder half, and where it is not.
 SLOPES: NDArray = np.linspace(0.0, 1.0 / NEAREST_M, 101)[1:]
-_LOUD = np.maximum(np.minimum(FARTHEST_M, 1.0 / SLOPES) - np.maximum(NEAREST_M, 0.5 / SLOPES), 0.0)
-_QUIET = np.maximum(np.minimum(FARTHEST_M, 0.5 / SLOPES) - NEAREST_M, 0.0)
+_DENSITIES = np.maximum([np.minimum(FARTHEST_M, 1.0 / SLOPES) - np.maximum(NEAREST_M, 0.5 / SLOPES),
+                         np.minimum(FARTHEST_M, 0.5 / SLOPES) - NEAREST_M], 0.0)
+LOUD, QUIET = OWN * _DENSITIES / _DENSITIES.sum()
 
 
 class NearField:
@@ -107,6 +108,6 @@ def _is_loud(slope: float, sigma: float) -> float:
     """
     misfit = np.square((slope - np.append(SLOPES, 0.0)) / sigma)
     likelihood = np.exp(-0.5 * (misfit - misfit.min()))
-    loud, quiet = (OWN * density @ likelihood[:-1] / (_LOUD + _QUIET).sum() for density in (_LOUD, _QUIET))
-    odd, prior = loud / (loud + quiet + (1.0 - OWN) * likelihood[-1]), OWN * _LOUD.sum() / (_LOUD + _QUIET).sum()
-    return max(0.0, float((odd - prior) / (1.0 - prior)))
+    loud, quiet = LOUD @ likelihood[:-1], QUIET @ likelihood[:-1]
+    posterior, prior = loud / (loud + quiet + (1.0 - OWN) * likelihood[-1]), LOUD.sum()
+    return max(0.0, float((posterior - prior) / (1.0 - prior)))

@@ -34,7 +34,7 @@ def test_two_microphones_give_both_mirror_images(method, azimuth):
     np.testing.assert_allclose(np.degrees(wrap(estimate.azimuth - np.radians([azimuth, 180.0 - azimuth]))), 0.0,
                                atol=2.0 if method in ('music', 'mvdr') else 0.3)
     assert estimate.group.tolist() == [0, 0]
-    assert np.all(estimate.confidence > 0.9)  # a chance rise of levels with paths counts (see near_field)
+    assert np.all(estimate.confidence > 0.99)
     assert np.all(np.isinf(estimate.elevation_variance))
     assert np.degrees(np.sqrt(estimate.azimuth_variance[0])) < (2.0 if method in ('music', 'mvdr') else 0.6)
 
