@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
-from av_audio.ego_noise import LOADING as RECORDED
-from av_audio.ego_noise import EgoNoise, covariance
+from av_audio.ego_noise import UNKNOWN_SHARE, EgoNoise, covariance
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
 from av_common.microphone_array import MicrophoneArray
 
@@ -186,7 +185,7 @@ class BandSearch:
         throttle = self._noise.likeliest(covariance(bands)) if self._noise else 0
         white = self._whiteners[throttle] @ bands
         # What the recording is not known to, of the window's power: where that is all there is, it is no source.
-        unknown = RECORDED * np.mean(np.abs(bands) ** 2, axis=(1, 2)) if self._noise else np.zeros(self._count)
+        unknown = UNKNOWN_SHARE * np.mean(np.abs(bands) ** 2, axis=(1, 2)) if self._noise else np.zeros(self._count)
         if self._method.even:
             norms = np.maximum(np.linalg.norm(white, axis=1, keepdims=True), TINY)
             white, unknown = white / norms, unknown / np.mean(norms**2, axis=(1, 2))

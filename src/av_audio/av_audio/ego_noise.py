@@ -16,7 +16,7 @@ MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an e
 # its speed, so that speeds then differ by some 5 %, as they do while hovering.
 THROTTLE_STEP_DB = 3.0
 # Of the mean power of a microphone, added to the diagonal: gains and positions are as recorded to about 3 %.
-LOADING = 1e-3
+UNKNOWN_SHARE = 1e-3
 
 
 class NoiseRecording(NamedTuple):
@@ -84,7 +84,7 @@ class EgoNoise:
         table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
         microphones = table.shape[-1]
         power = np.einsum('sbii->sb', table).real / microphones
-        table = table + (LOADING * power + np.finfo(np.float32).tiny)[..., None, None] * np.eye(microphones)
+        table = table + (UNKNOWN_SHARE * power + np.finfo(np.float32).tiny)[..., None, None] * np.eye(microphones)
         self.whiteners: NDArray = np.linalg.inv(np.linalg.cholesky(table))  # (s, b, m, m)
         self._log_volumes = -2.0 * np.log(np.einsum('sbii->sbi', self.whiteners).real).sum(axis=2)  # log det R (s, b)
 

@@ -212,14 +212,14 @@ class Localizer:
         level = self._analyzer.level_dbfs(spectra)
         if level < SILENCE_DBFS:
             return self._nothing(centre, level)
-        free = notch(self._analyzer.frequencies, self.blade_pass_hz)
+        spectra = spectra * notch(self._analyzer.frequencies, self.blade_pass_hz)
         if self._foreign is not None:
             peaks = [peak_of(found, self.array) for found in self._foreign(window.T)[:self.settings.max_sources]]
             if not peaks:
                 return self._nothing(centre, level)
         else:
-            peaks = self._estimator.peaks(spectra * free, self.settings.max_sources)
-        own = 0.0 if self._near is None else self._near.probability(spectra * free)
+            peaks = self._estimator.peaks(spectra, self.settings.max_sources)
+        own = 0.0 if self._near is None else self._near.probability(spectra)
         first, *further = (self._estimate_of(peak, k, window, centre, level, own) for k, peak in enumerate(peaks))
         return replace(first, further=tuple(further))
 
