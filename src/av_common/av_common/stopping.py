@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+COMMAND_LIFETIME_S = 0.3         # a command without a successor moves nothing after this time
+LONGEST_DEAD_TIME_S, LONGEST_LAG_S = 0.6, 1.6    # of vehicles that are driven
 STOP_WITHIN = 0.3                # s, from the arrival of the newest measurement until the yaw rate is 0
 TURNS_ON = math.radians(9.6)     # rad, by which a body turns on after that: less than the 10 deg that are promised
 # s, age of a measurement up to which any body is driven: PX4 at 30 deg/s turns on by TURNS_ON then. Faster bodies and slower

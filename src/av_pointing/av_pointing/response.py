@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_common.stopping import COMMAND_LIFETIME_S, LONGEST_DEAD_TIME_S, LONGEST_LAG_S
 
 GRID_S = 0.01              # step of the models' trajectories
 MEMORY = 500               # steps that are kept, 5 s
-COMMAND_LIFETIME_S = 0.3   # a command without a successor moves nothing after this time
 PAIR_S, LONGEST_PAIR_S = 0.1, 0.5   # time between two angles that are compared
 FORGET_S = 8.0             # time of turning after which what was seen counts by 1/e
 LEAST_TURN = math.radians(0.3)      # smaller turns between two angles tell nothing
@@ -27,8 +27,8 @@ TEMPER = 3.0               # successive differences count as one in three: error
 LEAST_UNCERTAINTY_S = 0.03          # no vehicle answers just as a model
 LEAST_GAIN, LARGEST_GAIN = 0.5, 1.3
 
-LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.6])
-DEAD_TIMES = np.arange(0.0, 0.61, 0.05)
+LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, LONGEST_LAG_S])
+DEAD_TIMES = np.arange(0.0, LONGEST_DEAD_TIME_S + 0.01, 0.05)
 LATENCIES = np.arange(0.0, 0.81, 0.05)
 
 

@@ -6,13 +6,13 @@ import math
 from collections import deque
 
 from av_common.angles import wrap
+from av_common.stopping import COMMAND_LIFETIME_S, LONGEST_DEAD_TIME_S, LONGEST_LAG_S
 from av_fusion.consistency.fault import Fault
 from av_fusion.measurement.rig_motion import FROZEN_RAD, RigMotion
 
 UNKNOWN = math.pi**2 / 3.0  # rad^2, of a heading that may be any
 SAME = 1e-9  # rad, by which rounding changes a heading: a measured one changes by more from message to message
-# Time in which a vehicle has answered: the longest dead time and lag that av_pointing expects. A command lasts that long.
-ANSWER_S, COMMAND_LIFETIME_S = 0.6 + 1.6, 0.3
+ANSWER_S = LONGEST_DEAD_TIME_S + LONGEST_LAG_S  # in which any vehicle has answered
 HELD = 0.5  # probability that the vehicle is held rather than its heading frozen: no measurement separates these
 
 
