@@ -71,7 +71,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         receivers.append(pointing)
     if names.FRAMES not in found or names.GIMBAL in found:  # which makes the gimbal's transforms
         frames = {'rig_file': arguments['rig'], 'model': False, **BAG_TIME}
-        others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', frames))
+        others.append(rig_node(arguments, 'av_pointing', 'rig_frames_node', frames))
     receivers += recorder_nodes({**arguments, 'bags': ''}, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
     processes = [*others, *receivers, *view_nodes(arguments, BAG_TIME), player]

@@ -111,7 +111,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
     cue = arguments['cue'] == 'true'
     essential = [
-        rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
+        rig_node(arguments, 'av_pointing', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
         rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], 'use_cues': cue}),
         rig_node(arguments, 'av_pointing', 'pointing_node',

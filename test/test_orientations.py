@@ -13,10 +13,10 @@ from av_common.frames import BASE_FRAME, is_orientation
 from av_common.gimbal_history import sample_of
 from av_common.rig import load_rig
 from av_common.stamps import to_stamp
-from av_fusion.gimbal_stage import GimbalStage
 from av_fusion.measurement.odometry import pose_of
 from av_fusion.measurement.rig_motion import Pose
 from av_interfaces.msg import GimbalState
+from av_pointing.gimbal_stage import GimbalStage
 from av_px4.frames import pose_from_px4
 from av_sim_bridge.messages import vehicle_state
 from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal, encode_gimbal

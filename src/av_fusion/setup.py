@@ -32,7 +32,6 @@ setup(
     entry_points={
         'console_scripts': [
             'fusion_node = av_fusion.nodes.fusion_node:main',
-            'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
             'security = av_bringup.cli.security:main',
         ],
     },

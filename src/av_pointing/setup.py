@@ -27,6 +27,7 @@ setup(
     entry_points={
         'console_scripts': [
             'pointing_node = av_pointing.nodes.pointing_node:main',
+            'rig_frames_node = av_pointing.nodes.rig_frames_node:main',
         ],
     },
 )

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from av_common.rig import GimbalMount
-from av_fusion.gimbal_stage import JointNames
 from av_fusion.identity.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.methods import TRACKERS
 from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S
@@ -59,7 +58,7 @@ def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         FilterSettings(confirm_threshold=p.confirm_threshold, detection_probability=p.detection_probability,
                        assumed_visibility=p.assumed_visibility),
         p.tau, p.rotation, self_calibration=p.self_calibration, follow_threshold=p.follow_threshold, policy=p.policy,
-        gimbal=gimbal, visits=p.visits, types=types_of(p.types), sound_delay=p.sound_delay, sight_delay=p.sight_delay))
+        gimbal=gimbal, types=types_of(p.types), sound_delay=p.sound_delay, sight_delay=p.sight_delay))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:
@@ -79,9 +78,3 @@ def types_of(entries: Sequence[str]) -> dict[str, float]:
             raise ValueError(f"types: {entry!r}, expected a name and {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, "
                              "such as 'hexarotor: 133'")
     return types
-
-
-def joint_names(parameters: Any) -> JointNames:
-    """The gimbal's joints that the parameters of rig_frames_node describe."""
-    joints = parameters.joints
-    return JointNames(joints.pan, joints.tilt, joints.roll, math.radians(joints.sigma_deg))

@@ -27,7 +27,6 @@ from av_fusion.tracks.track import Track as FilterTrack
 SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
            (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
 COAST_S = 3.0  # longest prediction of a track that no measurement supports
-VISIT_S = 1.0  # duration of a visit of the camera
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
 
@@ -43,7 +42,6 @@ class TrackerSettings:
         follow_threshold: probability of a drone from which a target is followed.
         policy: which target is followed, see `Selection`.
         gimbal: the gimbal that carries the camera, which then looks where the target is heard; None for a fixed camera.
-        visits: whether a camera on a gimbal visits several targets in turn, instead of the followed one alone.
         types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
         sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
     """
@@ -56,7 +54,6 @@ class TrackerSettings:
     follow_threshold: float = 0.5
     policy: str = 'certain'
     gimbal: GimbalMount | None = None
-    visits: bool = False
     types: dict[str, float] = field(default_factory=dict)
     sound_delay: float = 0.0
     sight_delay: float = 0.0
@@ -82,7 +79,7 @@ class MultiTargetTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.tau)
         self.planner = RotationPlanner(self.settings.rotation, self.settings.fixed_rotation)
-        self.looks = CameraLooks(self.settings.gimbal, VISIT_S) if self.settings.gimbal else None
+        self.looks = CameraLooks(self.settings.gimbal) if self.settings.gimbal else None
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)
@@ -103,7 +100,7 @@ class MultiTargetTracker:
         self.machine.restart()
         self.planner.cancel()
         if self.settings.gimbal:
-            self.looks = CameraLooks(self.settings.gimbal, VISIT_S)
+            self.looks = CameraLooks(self.settings.gimbal)
         self._targets = Targets(0.0)
         self._view = NO_CAMERA
         self._mirror_axis = None
@@ -270,24 +267,17 @@ class MultiTargetTracker:
                                                      for track in unresolved], tilt, self._view)
 
     def _plan_look(self, time: float, state: State, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
-        """Where a look decides most about the tracks that are not resolved, or else finds the followed or the next one."""
+        """Where a look decides most about the tracks that are not resolved, or else finds the followed one."""
         if self.looks is None or self.planner.is_asked(time):
             return None
-        visits = self.settings.visits and len(tracks) > 1
-        followed = 0 if visits else self._targets.selected
-        wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == followed]
+        wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == self._targets.selected]
+        if not wanted or state == State.VISUAL_ACTIVE:
+            self.looks.planner.cancel()
+            return None
         visibility = (self._view.visibility if math.isfinite(self._view.visibility)
                       else max(self.settings.filter.assumed_visibility, UNKNOWN))
-        visible, look = visibility * self.settings.filter.detection_probability, None
-        if not wanted or (state == State.VISUAL_ACTIVE and not visits):
-            self.looks.planner.cancel()
-        else:
-            components = [component for track in wanted for component in track.mixture.components]
-            look = self.looks.plan(time, components, visible, self.motion)
-        if look is None and visits:
-            targets = {track.id: primary for track in tracks if (primary := track.mixture.primary()) is not None}
-            look = self.looks.visit(time, targets, {track.id: track.existence for track in tracks}, visible, self.motion)
-        return look
+        components = [component for track in wanted for component in track.mixture.components]
+        return self.looks.plan(time, components, visibility * self.settings.filter.detection_probability, self.motion)
 
 
 def _why_not_followed(found: Sequence[Target]) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_common.rig import GimbalMount
 from av_fusion.disambiguation.look import LookPlanner, Place, Sight
-from av_fusion.disambiguation.visit import VisitedTarget, VisitPlanner
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import angles, turned_back
@@ -24,16 +23,13 @@ class CameraLooks:
 
     Attributes:
         planner: plans looks for a target in the world.
-        visits: plans visits of several targets.
 
     Parameters:
         gimbal: carries the camera.
-        dwell (s): duration of a visit.
     """
 
-    def __init__(self, gimbal: GimbalMount, dwell: float = 1.0) -> None:
+    def __init__(self, gimbal: GimbalMount) -> None:
         self.planner = LookPlanner(gimbal)
-        self.visits = VisitPlanner(gimbal, dwell)
         self._gimbal = gimbal
         self._sight: Sight | None = None
 
@@ -64,20 +60,6 @@ class CameraLooks:
         return _in_body(self.planner.plan(time, lambda: [_place(component, visible) for component in components],
                                           self._newest(time), self._mount(time, motion)), time, motion)
 
-    def visit(self, time: float, targets: Mapping[int, GaussianComponent], existences: Mapping[int, float], visible: float,
-              motion: RigMotion) -> tuple[float, float] | None:
-        """Azimuth and elevation (rad) in the body's frame of the target to look at; None without one.
-
-        Parameters:
-            time (s): time of the request.
-            targets: direction of each target, by its id.
-            existences: probability that each exists.
-            visible: probability that the camera finds a target at which it looks, in air as it is known.
-            motion: of the rig.
-        """
-        found = [_target(identifier, component, existences[identifier], visible) for identifier, component in targets.items()]
-        return _in_body(self.visits.plan(time, found, self._newest(time), self._mount(time, motion)), time, motion)
-
     def _newest(self, time: float) -> Sight | None:
         return self._sight if self._sight is not None and abs(time - self._sight.time) <= NEWEST_IMAGE_S else None
 
@@ -101,10 +83,3 @@ def _place(component: GaussianComponent, visible: float) -> Place:
     (across, _), (_, up) = component.covariance[:2, :2].tolist()
     return Place(component.azimuth, component.elevation, across, up, component.weight, visible,
                  component.across_rate / max(math.cos(component.elevation), 0.2))
-
-
-def _target(identifier: int, component: GaussianComponent, existence: float, visible: float) -> VisitedTarget:
-    covariance = component.covariance
-    growth = 2.0 * float(covariance[0, 2] + covariance[1, 3]), float(covariance[2, 2] + covariance[3, 3])
-    return VisitedTarget(identifier, component.azimuth, component.elevation, float(covariance[0, 0] + covariance[1, 1]), growth,
-                         existence, visible * (1.0 - component.p_hidden), component.newest_sighting)

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from av_common.angles import angles_to_direction
+from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.gimbal_geometry import gimbal_to_mount
 from av_common.rig import GimbalMount
-from av_fusion.disambiguation.gimbal_reach import GimbalReach, Matrix
 
 REPLAN_S = 0.2  # time between predictions
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
@@ -32,6 +32,9 @@ MISSED = 0.1  # probability that a glance misses what is visible
 # Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
 OFFSETS = (-2.857, -1.356, 0.0, 1.356, 2.857)
 WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
+BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
+
+Matrix = NDArray[np.float64]
 
 
 class Place(NamedTuple):
@@ -66,6 +69,36 @@ class Sight(NamedTuple):
     camera_in_world: Matrix
     half_view: float
     half_height: float
+
+
+class GimbalReach:
+    """Pans and tilts within the limits of a gimbal.
+
+    Parameters:
+        gimbal: its limits and rate.
+    """
+
+    def __init__(self, gimbal: GimbalMount) -> None:
+        self._limits = np.radians([gimbal.pan_limits_deg, gimbal.tilt_limits_deg])
+        self._rate = math.radians(gimbal.max_rate_deg)
+
+    def reachable(self, directions: Matrix) -> Matrix:
+        """Pans and tilts (m, 2) that are closest to directions (n, 3) in the mount's frame, from either stop."""
+        pan, tilt = direction_to_angles(directions)
+        (left, right), (low, high) = self._limits
+        turned = np.concatenate([pan, pan + math.tau, pan - math.tau])
+        reached = np.stack([np.clip(turned, left, right), np.tile(np.clip(tilt, low, high), 3)], axis=1)
+        return np.unique(reached[np.abs(reached[:, 0] - turned) < BESIDE], axis=0)
+
+    def nearest(self, direction: Matrix) -> Matrix:
+        """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
+        reached = self.reachable(direction[None])
+        off = [angles_to_direction(*angles) @ direction for angles in reached]
+        return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
+
+    def times(self, looks: Matrix, now: Matrix) -> Matrix:
+        """Time (s, (m,)) of the way from a pan and tilt (2,) to each of others (m, 2), both axes turning at once."""
+        return np.asarray(np.abs(looks - now).max(axis=1) / self._rate)
 
 
 class LookPlanner:

@@ -23,8 +23,8 @@ from av_common.gimbal_history import OLDEST_S, GimbalHistory, sample_of
 from av_common.rig import Rig
 from av_common.rig_messages import gimbal_message, gimbal_transform
 from av_common.stamps import to_seconds
-from av_fusion.gimbal_model import GimbalModel
 from av_interfaces.msg import GimbalState, PointingCommand
+from av_pointing.gimbal_model import GimbalModel
 
 ODOMETRY_TIMEOUT_S = 0.3  # after the newest odometry, from which a stabilized gimbal's rig counts as level
 LEVEL_SIGMA = math.radians(5.0)  # of a stabilized gimbal on a rig of unknown attitude

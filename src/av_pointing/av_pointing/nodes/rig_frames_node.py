@@ -16,10 +16,10 @@ from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_common.rig_messages import static_transforms
-from av_fusion.gimbal_stage import GimbalStage
-from av_fusion.nodes.rig_frames_node_parameters import rig_frames_node as parameters
-from av_fusion.settings import joint_names
 from av_interfaces.msg import GimbalState, PointingCommand
+from av_pointing.gimbal_stage import GimbalStage
+from av_pointing.nodes.rig_frames_node_parameters import rig_frames_node as parameters
+from av_pointing.settings import joint_names
 
 PERIOD_S = 0.05  # of the model's orientations where no odometry comes
 REPEAT_S = 0.5  # of the fixed frames, which another publisher may have moved

@@ -18,8 +18,8 @@ from av_common.gimbal_geometry import gimbal_to_body
 from av_common.rig import load_rig
 from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
-from av_fusion.gimbal_stage import GimbalStage, JointNames
 from av_interfaces.msg import GimbalState, PointingCommand
+from av_pointing.gimbal_stage import GimbalStage, JointNames
 
 RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
 TILTED = euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz')
