@@ -3,7 +3,7 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'settings': 'NetworkSettings RigSettings',
+    'settings': 'RigSettings',
     'stage': 'NetworkStage RigPlace',
     'tracker': 'NetworkTracker',
     'observation': 'Observation Report Sighting',

@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.acoustics import speed_of_sound
+
+SOUND_SPEED = speed_of_sound()
 LEAST_DISTANCE_M = 0.5
 
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, solveh_banded
 
 from av_network import sphere
-from av_network.apparent_direction import apparent_directions
+from av_network.apparent_direction import SOUND_SPEED, apparent_directions
 from av_network.motion_model import nearly_constant_velocity
 from av_network.observation import Observation, RigState
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import RigSettings
 
 RIG_SIZE, HEADING, CLOCK = 2, 0, 1  # of the part of the state of one rig
+HEADING_DRIFT, CLOCK_DRIFT = math.radians(0.01), 1e-4  # rad and s per sqrt(s): random walks of headings and clock offsets
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 SEGMENT_S = 2.5
 LEAST_OBSERVATIONS = 12
@@ -60,11 +61,9 @@ class RigCalibration:
 
     Parameters:
         rigs: what is known of each.
-        settings: see `NetworkSettings`.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings) -> None:
-        self._settings = settings
+    def __init__(self, rigs: Sequence[RigSettings]) -> None:
         self.mean, self.covariance, self._drift = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
         self._position_sigmas: list[float] = []
         self._segments: dict[int, _Segment] = {}
@@ -75,7 +74,7 @@ class RigCalibration:
     def join(self, rig: RigSettings) -> None:
         """Take part in what follows. What is exact does not drift."""
         sigmas = np.array([rig.heading_sigma, rig.clock_sigma])
-        drifts = np.array([self._settings.heading_drift, self._settings.clock_drift])
+        drifts = np.array([HEADING_DRIFT, CLOCK_DRIFT])
         self.mean = np.append(self.mean, np.zeros(RIG_SIZE))
         self.covariance = block_diag(self.covariance, np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2))
         self._drift = np.append(self._drift, drifts**2 * (sigmas > 0.0))
@@ -158,7 +157,7 @@ class RigCalibration:
         place, unstated = np.array([(one.known.position_sigma, one.unstated) for one in observations]).T
         rigs = np.array([one.rig for one in observations])
         headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + CLOCK]
-        speed = np.array([self._settings.sound_speed if one.sighting.by_sound else math.inf for one in observations])
+        speed = np.array([SOUND_SPEED if one.sighting.by_sound else math.inf for one in observations])
         origins = np.array([one.position for one in observations])
         expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead + clocks, speed)
         level = np.cos(expected.elevation)

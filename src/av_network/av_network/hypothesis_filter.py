@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network import sphere
-from av_network.apparent_direction import apparent_directions
+from av_network import motion_model, sphere
+from av_network.apparent_direction import SOUND_SPEED, apparent_directions
 from av_network.motion_model import axes_shares, mixed, mixing, target_motion, usual_modes
 from av_network.observation import UNSTATED, Observation
-from av_network.settings import NetworkSettings
 
 MEASURED_SIZE, TARGET_SIZE = 6, 9
 LOG_TAU = math.log(math.tau)
@@ -64,16 +63,12 @@ class HypothesisFilter:
         unstated (rad^2): variance of the errors of images that rigs do not state, see `learn_errors`.
         mean (n, f, 9), covariance (n, f, 9, 9): the states in each mode.
         modes (n, f): probabilities of the modes.
-
-    Parameters:
-        settings: see `NetworkSettings`.
     """
 
-    def __init__(self, settings: NetworkSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self.unstated, self._unstated_information = UNSTATED, 2.0 / UNSTATED_SPREAD**2
         self.time: float | None = None
-        flights = len(settings.modes)
+        flights = len(motion_model.MODES)
         self.mean, self.covariance = np.zeros((0, flights, TARGET_SIZE)), np.zeros((0, flights, TARGET_SIZE, TARGET_SIZE))
         self.modes = np.zeros((0, flights))
 
@@ -96,13 +91,13 @@ class HypothesisFilter:
         Parameters:
             means (k, 6), covariances (k, 6, 6): of position and velocity.
         """
-        k, f = len(means), len(self._settings.modes)
+        k, f = len(means), len(motion_model.MODES)
         mean, P = np.zeros((k, f, TARGET_SIZE)), np.zeros((k, f, TARGET_SIZE, TARGET_SIZE))
         mean[:, :, :MEASURED_SIZE], P[:, :, :MEASURED_SIZE, :MEASURED_SIZE] = means[:, None], covariances[:, None]
-        for index, mode in enumerate(self._settings.modes):
-            P[:, index, MEASURED_SIZE:, MEASURED_SIZE:] = mode.sigma**2 * np.diag(axes_shares(self._settings))
+        for index, mode in enumerate(motion_model.MODES):
+            P[:, index, MEASURED_SIZE:, MEASURED_SIZE:] = mode.sigma**2 * np.diag(axes_shares())
         self.mean, self.covariance = np.concatenate([self.mean, mean]), np.concatenate([self.covariance, P])
-        self.modes = np.concatenate([self.modes, np.tile(usual_modes(self._settings), (k, 1))])
+        self.modes = np.concatenate([self.modes, np.tile(usual_modes(), (k, 1))])
 
     def keep(self, indices: Sequence[int]) -> None:
         """Keep some targets, in the order in which they are."""
@@ -121,9 +116,9 @@ class HypothesisFilter:
     def _ahead(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Probabilities of the modes, and means and covariances in each, at a time (s)."""
         step = 0.0 if self.time is None else time - self.time
-        modes, shares = mixing(self.modes, np.full(self.count, step), self._settings)
+        modes, shares = mixing(self.modes, np.full(self.count, step))
         mean, P = mixed(shares, self.mean, self.covariance)
-        F, Q = target_motion(step, mean[:, :, 3:MEASURED_SIZE], self._settings)
+        F, Q = target_motion(step, mean[:, :, 3:MEASURED_SIZE])
         return modes, np.einsum('nfij,nfj->nfi', F, mean), F @ P @ F.swapaxes(-1, -2) + Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
@@ -134,7 +129,7 @@ class HypothesisFilter:
             rows (n,): the targets; by default all.
         """
         first, rows = observations[0], np.arange(self.count) if rows is None else rows
-        count, flights, m = len(rows), len(self._settings.modes), len(observations)
+        count, flights, m = len(rows), len(motion_model.MODES), len(observations)
         size = count * flights
         mean, P = self.mean[rows].reshape(size, TARGET_SIZE), self.covariance[rows].reshape(size, TARGET_SIZE, TARGET_SIZE)
         P = P[:, :MEASURED_SIZE, :MEASURED_SIZE]
@@ -145,7 +140,7 @@ class HypothesisFilter:
             alike.setdefault((one.sighting.by_sound, one.time), []).append(index)
         for (by_sound, time), chosen in alike.items():
             ahead = np.full(size, time - (self.time or 0.0))
-            speed = np.full(size, self._settings.sound_speed if by_sound else math.inf)
+            speed = np.full(size, SOUND_SPEED if by_sound else math.inf)
             expected = apparent_directions(mean[:, :3], mean[:, 3:MEASURED_SIZE], first.position, ahead, speed)
             residuals[:, chosen] = sphere.offsets(angles[chosen], np.stack([expected.azimuth, expected.elevation], 1)[:, None])
             H = np.concatenate([expected.by_position, expected.by_velocity], 2)

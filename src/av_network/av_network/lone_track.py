@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network import sphere
+from av_network import motion_model, sphere
 from av_network.motion_model import axis_motion, mixed, mixing, usual_modes
 from av_network.observation import Observation
-from av_network.settings import NetworkSettings
 
 
 class LoneTrack(NamedTuple):
@@ -35,40 +34,38 @@ class LoneTrack(NamedTuple):
     modes: NDArray[np.float64]
 
 
-def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneTrack:
+def begin(one: Observation, distance: float) -> LoneTrack:
     """A track with its first observation.
 
     Parameters:
         one: the observation.
         distance (m): at which its target is supposed.
-        settings: speed and manoeuvres of targets.
     """
-    shares, flights = _shares(one.angles[1], settings) / distance**2, len(settings.modes)
+    shares, flights = _shares(one.angles[1]) / distance**2, len(motion_model.MODES)
     covariance = np.zeros((flights, 2, 3, 3))
-    covariance[..., 0, 0], covariance[..., 1, 1] = np.diag(one.covariance), settings.speed_sigma**2 * shares
-    covariance[..., 2, 2] = np.outer([mode.sigma**2 for mode in settings.modes], shares)
-    return LoneTrack(one.time, one.angles, np.zeros((flights, 2, 3)), covariance, usual_modes(settings))
+    covariance[..., 0, 0], covariance[..., 1, 1] = np.diag(one.covariance), motion_model.SPEED_SIGMA**2 * shares
+    covariance[..., 2, 2] = np.outer([mode.sigma**2 for mode in motion_model.MODES], shares)
+    return LoneTrack(one.time, one.angles, np.zeros((flights, 2, 3)), covariance, usual_modes())
 
 
-def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64],
-           settings: NetworkSettings) -> tuple[list[LoneTrack], NDArray[np.float64]]:
+def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64]
+           ) -> tuple[list[LoneTrack], NDArray[np.float64]]:
     """Use the next observation of each of k tracks; returns the tracks and the logarithms (k,) of the densities (1/sr).
 
     Parameters:
         tracks (k,): by their earlier observations.
         observations (k,): one of each.
         distances (k,) (m): at which their targets are supposed.
-        settings: speed and manoeuvres of targets.
     """
     steps = np.array([one.time - each.time for one, each in zip(observations, tracks, strict=True)])
     angles, state, P, modes = (np.array(part) for part in list(zip(*tracks, strict=True))[1:])
-    modes, mix = mixing(modes, steps, settings)
+    modes, mix = mixing(modes, steps)
     for axis in (0, 1):
         state[:, :, axis], P[:, :, axis] = mixed(mix, state[:, :, axis], P[:, :, axis])
     speeds = distances * np.linalg.norm(np.einsum('kf,kfa->ka', modes, state[..., 1]), axis=1)
-    F, Q = (np.stack(part, 1)[:, :, None] for part in zip(*(axis_motion(steps, speeds, settings, mode)
-                                                           for mode in settings.modes), strict=True))
-    shares = _shares(angles[:, 1], settings) / distances[:, None] ** 2
+    F, Q = (np.stack(part, 1)[:, :, None] for part in zip(*(axis_motion(steps, speeds, mode)
+                                                           for mode in motion_model.MODES), strict=True))
+    shares = _shares(angles[:, 1]) / distances[:, None] ** 2
     P = F @ P @ F.swapaxes(-1, -2) + shares[:, None, :, None, None] * Q
     state = np.einsum('kfaij,kfaj->kfai', np.broadcast_to(F, P.shape), state)
     centre = np.einsum('kf,kfa->ka', modes, state[..., 0])
@@ -88,7 +85,7 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
 
 
 def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observation], places: NDArray[np.float64],
-             density: float, settings: NetworkSettings) -> list[tuple[LoneTrack, float]]:
+             density: float) -> list[tuple[LoneTrack, float]]:
     """Observations as those of other targets: the track of each, and the logarithm of its density (1/sr).
 
     Parameters:
@@ -96,7 +93,6 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
         observations (k,): one of each.
         places (k, 3) (m): of the targets that they are supposed to stem from.
         density (1/sr): of targets that are not tracked yet.
-        settings: speed and manoeuvres of targets.
     """
     distances = np.maximum(np.linalg.norm(places - np.array([one.position for one in observations]), axis=1), 1.0)
     known = [(each, one, distance) for each, one, distance in zip(tracks, observations, distances, strict=True)
@@ -104,17 +100,17 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
     followed: Iterator[tuple[LoneTrack, float]] = iter(())
     if known:
         earlier, newer, away = zip(*known, strict=True)
-        followed = iter(zip(*follow(earlier, newer, np.array(away), settings), strict=True))
+        followed = iter(zip(*follow(earlier, newer, np.array(away)), strict=True))
     found: list[tuple[LoneTrack, float]] = []
     for each, one, distance in zip(tracks, observations, distances, strict=True):
         track, logarithm = next(followed) if each is not None else (None, -math.inf)
         # The rig may have changed its mind about the side, or have lost its target to another one.
         found.append((track, float(logarithm)) if track is not None and logarithm > math.log(density)
-                     else (begin(one, distance, settings), math.log(density)))
+                     else (begin(one, distance), math.log(density)))
     return found
 
 
-def _shares(elevation: NDArray[np.float64] | float, settings: NetworkSettings) -> NDArray[np.float64]:
+def _shares(elevation: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Variances (..., 2) of motion across and up at elevations (...) (rad), over those of the horizontal axes."""
     rise = np.sin(elevation) ** 2
-    return np.stack([np.ones_like(rise), rise + settings.climb_share**2 * (1.0 - rise)], -1)
+    return np.stack([np.ones_like(rise), rise + motion_model.CLIMB_SHARE**2 * (1.0 - rise)], -1)

@@ -14,6 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
+from av_network.motion_model import SPEED_SIGMA
 from av_network.network_target import TargetState
 from av_network.observation import Report, Sighting
 
@@ -102,7 +103,7 @@ def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:
                     drone_probability=state.target.drone_probability, class_id=state.target.class_id)
 
 
-def direction_message(identifier: int, report: Report, one: Sighting, heading: float, speed_sigma: float) -> WorldTrack:
+def direction_message(identifier: int, report: Report, one: Sighting, heading: float) -> WorldTrack:
     """The message of a target of a single rig, at a distance that is assumed, with a variance to match.
 
     Parameters:
@@ -110,7 +111,6 @@ def direction_message(identifier: int, report: Report, one: Sighting, heading: f
         report: of the rig.
         one: the direction.
         heading (rad): correction of the rig's heading.
-        speed_sigma (m/s): standard deviation of the velocity, which is not known.
     """
     unit = angles_to_direction(one.azimuth + heading, one.elevation)
     azimuth = math.atan2(unit[1], unit[0])
@@ -119,7 +119,7 @@ def direction_message(identifier: int, report: Report, one: Sighting, heading: f
     variances = np.linalg.inv(np.linalg.inv(one.covariance) + np.eye(2)) * ASSUMED_DISTANCE_M**2
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = axes @ variances @ axes.T + ASSUMED_DISTANCE_M**2 * np.outer(unit, unit)
-    covariance[3:, 3:] = speed_sigma**2 * np.eye(3)
+    covariance[3:, 3:] = SPEED_SIGMA**2 * np.eye(3)
     mean = np.concatenate([report.position + ASSUMED_DISTANCE_M * unit, np.zeros(3)])
     return _message(identifier, one.existence, mean, covariance, False, [report.rig], one.measured,
                     drone_probability=one.drone_probability, class_id=one.class_id)

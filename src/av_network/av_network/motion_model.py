@@ -3,12 +3,36 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network.settings import Mode, NetworkSettings
 
+class Mode(NamedTuple):
+    """Accelerations of a way to fly.
+
+    Parameters:
+        sigma (m/s^2): standard deviation along each horizontal axis.
+        time (s): in which an acceleration falls to 1 / e of itself.
+        duration (s): mean, of flying so.
+    """
+
+    sigma: float
+    time: float
+    duration: float
+
+
+# Fitted to simulated smooth flights of up to 10 m/s and 3 m/s^2, as `ros2 run av_evaluation network bound` has them.
+STEADY = Mode(0.8, 1.5, 8.0)
+# Multirotors accelerate by up to A = 6 m/s^2, and turn back within a second. By Singer (1970) the variance of an acceleration
+# that is uniform up to A, but +-A with probabilities of 0.1 each and none with 0.2, is A^2 / 3 (1 + 4 * 0.1 - 0.2).
+MANOEUVRE = Mode(3.8, 0.6, 1.5)
+MODES = (STEADY, MANOEUVRE)
+SPEED_SIGMA = 8.0  # m/s, prior standard deviation of a target's velocity along each horizontal axis
+CLIMB_SHARE = 0.3  # standard deviations of vertical velocities and accelerations over those of horizontal ones
+VELOCITY_MEMORY_S = 8.0  # in which a small velocity falls to 1 / e of itself, unless it is measured anew
+MEMORY_SPEED = 10.0  # m/s, from which on that time grows, with the square of the speed
 LONGEST_STEP_S = 0.5  # short beside the memory of velocities
 SHORT = 0.01  # of a step over the duration of accelerations
 
@@ -57,7 +81,7 @@ def singer(steps: NDArray[np.float64], variance: float, duration: float
     return np.moveaxis(F * turned, -1, 0), np.moveaxis(Q * turned, -1, 0)
 
 
-def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], settings: NetworkSettings, mode: Mode
+def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], mode: Mode
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Transitions (k, 3, 3) and covariances (k, 3, 3) of the process noise of k targets along one horizontal axis.
 
@@ -67,12 +91,11 @@ def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], setting
     Parameters:
         steps (k,) (s): of time, of any sign.
         speeds (k,) (m/s): of the targets.
-        settings: see `NetworkSettings`.
         mode: of flight.
     """
     parts = max(math.ceil(float(np.max(np.abs(steps), initial=0.0)) / LONGEST_STEP_S), 1)
     F, Q = singer(steps / parts, mode.sigma**2, mode.time)
-    memory = settings.velocity_memory * (1.0 + (speeds / settings.memory_speed) ** 2)
+    memory = VELOCITY_MEMORY_S * (1.0 + (speeds / MEMORY_SPEED) ** 2)
     half = np.stack([np.ones_like(memory), np.exp(-0.5 * np.abs(steps) / parts / memory), np.ones_like(memory)], 1)
     first, noise = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
     F, Q = first, noise
@@ -81,53 +104,51 @@ def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], setting
     return F, Q
 
 
-def axes_shares(settings: NetworkSettings) -> NDArray[np.float64]:
+def axes_shares() -> NDArray[np.float64]:
     """Variances (3,) of velocity and acceleration along east, north and up over those of the horizontal axes."""
-    return np.array([1.0, 1.0, settings.climb_share**2])
+    return np.array([1.0, 1.0, CLIMB_SHARE**2])
 
 
-def target_motion(step: float, velocities: NDArray[np.float64], settings: NetworkSettings
+def target_motion(step: float, velocities: NDArray[np.float64]
                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Transitions (n, m, 9, 9) and covariances (n, m, 9, 9) of the noise of targets' position, velocity and acceleration (ENU).
 
     Parameters:
         step (s): of time, of any sign.
         velocities (n, m, 3) (m/s): of the targets in each mode.
-        settings: see `axis_motion`.
     """
-    speeds, shares = np.linalg.norm(velocities, axis=2), np.diag(axes_shares(settings))
-    found = [axis_motion(np.full(len(speeds), step), speeds[:, k], settings, mode) for k, mode in enumerate(settings.modes)]
+    speeds, shares = np.linalg.norm(velocities, axis=2), np.diag(axes_shares())
+    found = [axis_motion(np.full(len(speeds), step), speeds[:, k], mode) for k, mode in enumerate(MODES)]
     F, Q = (np.stack(part, 1) for part in zip(*found, strict=True))
     return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, shares), np.float64)
 
 
-def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
+def velocity_covariance() -> NDArray[np.float64]:
     """Prior covariance (3, 3) of a target's velocity (m^2/s^2), ENU."""
-    return settings.speed_sigma**2 * np.diag(axes_shares(settings))
+    return SPEED_SIGMA**2 * np.diag(axes_shares())
 
 
-def usual_modes(settings: NetworkSettings) -> NDArray[np.float64]:
+def usual_modes() -> NDArray[np.float64]:
     """Probabilities (m,) of the modes of flight of a target of which nothing is known."""
-    durations = np.array([mode.duration for mode in settings.modes])
+    durations = np.array([mode.duration for mode in MODES])
     return durations / durations.sum()
 
 
-def changes(steps: NDArray[np.float64], settings: NetworkSettings) -> NDArray[np.float64]:
+def changes(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Probabilities (k, m, m) that a target in one mode of flight (row) is in another one (column) after a time.
 
     A change leads to any mode by its usual probability, at rates that keep those.
 
     Parameters:
         steps (k,) (s): the times; amounts count.
-        settings: of which `modes` count.
     """
-    usual = usual_modes(settings)
-    rate = sum(1.0 / mode.duration for mode in settings.modes) if len(usual) > 1 else 0.0
+    usual = usual_modes()
+    rate = sum(1.0 / mode.duration for mode in MODES) if len(usual) > 1 else 0.0
     stay = np.exp(-rate * np.abs(steps))[:, None, None]
     return np.asarray(stay * np.eye(len(usual)) + (1.0 - stay) * usual)
 
 
-def mixing(weights: NDArray[np.float64], steps: NDArray[np.float64], settings: NetworkSettings
+def mixing(weights: NDArray[np.float64], steps: NDArray[np.float64]
            ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Probabilities (k, m) of the modes after a time, and of each earlier mode (row) given the later one (column), (k, m, m).
 
@@ -136,9 +157,9 @@ def mixing(weights: NDArray[np.float64], steps: NDArray[np.float64], settings: N
 
     Parameters:
         weights (k, m): probabilities of the modes.
-        steps, settings: see `changes`.
+        steps: see `changes`.
     """
-    joint = weights[:, :, None] * changes(steps, settings)
+    joint = weights[:, :, None] * changes(steps)
     after = joint.sum(axis=1)
     return after, joint / after[:, None]
 

@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from av_common.angles import angles_to_direction
+from av_network.apparent_direction import SOUND_SPEED
 from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, largest_sigmas
 from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import begin
-from av_network.motion_model import velocity_covariance
+from av_network.motion_model import SPEED_SIGMA, velocity_covariance
 from av_network.network_target import Member, NetworkTarget, membership
 from av_network.observation import Observation
-from av_network.settings import NetworkSettings
 
 HOPELESS = -4.0  # score from which a candidate ends
 WIDE_M = 300.0  # standard deviation of a position before the first observation
+MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
+MOST_CANDIDATES = 40  # that are examined at a time
 MOST_RELATIVE_SIGMA = 0.5  # of the distance, beyond which a position is not linear enough to begin with
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
 MOST_PROPOSED = 8  # candidates by one report
@@ -48,21 +50,16 @@ class Lines(NamedTuple):
     delays: NDArray[np.float64]
 
 
-def lines_of(observations: Sequence[Observation], sound_speed: float) -> Lines:
-    """Reported directions.
-
-    Parameters:
-        observations (k,): one at least.
-        sound_speed (m/s): speed of sound.
-    """
+def lines_of(observations: Sequence[Observation]) -> Lines:
+    """Reported directions of k observations, one at least."""
     angles = np.array([one.angles for one in observations])
     return Lines(np.array([one.position for one in observations]), angles_to_direction(angles[:, 0], angles[:, 1]),
                  np.array([0.5 * np.trace(one.covariance) for one in observations]),
                  np.array([one.time for one in observations]), np.array([one.known.clock_sigma**2 for one in observations]),
-                 np.array([1.0 / sound_speed if one.sighting.by_sound else 0.0 for one in observations]))
+                 np.array([1.0 / SOUND_SPEED if one.sighting.by_sound else 0.0 for one in observations]))
 
 
-def meetings(first: Lines, second: Lines, most_distance: float, speed: float
+def meetings(first: Lines, second: Lines, most_distance: float
              ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Where each of m directions meets each of k others.
 
@@ -72,7 +69,6 @@ def meetings(first: Lines, second: Lines, most_distance: float, speed: float
     Parameters:
         first, second: of different rigs.
         most_distance (m): of a place from either rig.
-        speed (m/s): standard deviation of a target's, which moves from one emission to the other.
     """
     a, b, offsets = first.units[:, None], second.units[None], second.origins[None] - first.origins[:, None]
     cosine, along, across = first.units @ second.units.T, np.sum(offsets * a, axis=2), np.sum(offsets * b, axis=2)
@@ -83,14 +79,14 @@ def meetings(first: Lines, second: Lines, most_distance: float, speed: float
     total = spreads[0] + spreads[1]
     places = (spreads[1][..., None] * ends[0] + spreads[0][..., None] * ends[1]) / np.maximum(total, 1e-12)[..., None]
     emitted = (first.times - first.delays * near.T).T, second.times - second.delays * far
-    moved = speed**2 * ((emitted[0] - emitted[1])**2 + first.time_variances[:, None] + second.time_variances)
+    moved = SPEED_SIGMA**2 * ((emitted[0] - emitted[1])**2 + first.time_variances[:, None] + second.time_variances)
     apart = np.sum((ends[0] - ends[1]) ** 2, axis=2) / (total + moved)
     possible = (1.0 - cosine**2 > LEAST_SINE_SQUARED) & (np.minimum(near, far) > 0.0) & (np.maximum(near, far) < most_distance)
     return places, 0.5 * (emitted[0] + emitted[1]), np.where(possible, apart, np.inf)
 
 
-def supports(places: NDArray[np.float64], times: NDArray[np.float64], lines: Lines, rigs: NDArray[np.intp], density: float,
-             speed: float) -> NDArray[np.float64]:
+def supports(places: NDArray[np.float64], times: NDArray[np.float64], lines: Lines, rigs: NDArray[np.intp], density: float
+             ) -> NDArray[np.float64]:
     """Logarithms (n,) of how much more probable directions are with a target at each of n places than without.
 
     Of each rig, the direction that fits best counts.
@@ -99,13 +95,12 @@ def supports(places: NDArray[np.float64], times: NDArray[np.float64], lines: Lin
         places (n, 3) (m), times (n,) (s): of supposed targets.
         lines (k,), rigs (k,): directions and the rigs that report them.
         density (1/sr): of directions without it.
-        speed (m/s): standard deviation of a target's.
     """
     offsets = places[:, None] - lines.origins
     along = np.sum(offsets * lines.units, axis=2)
     squared = np.sum(offsets**2, axis=2)
     between = times[:, None] - lines.times + lines.delays * np.sqrt(squared)
-    spread = np.minimum(lines.variances, 1.0) * squared + speed**2 * (between**2 + lines.time_variances)
+    spread = np.minimum(lines.variances, 1.0) * squared + SPEED_SIGMA**2 * (between**2 + lines.time_variances)
     gains = np.where(along > 0.0, np.log(squared / (math.tau * density * spread)) - 0.5 * (squared - along**2) / spread, 0.0)
     return np.asarray(sum(np.maximum(gains[:, rigs == rig].max(axis=1), 0.0) for rig in np.unique(rigs)))
 
@@ -114,11 +109,11 @@ class Pairing:
     """Proposes candidates.
 
     Parameters:
-        settings: see `NetworkSettings`.
+        most_distance (m): of a target from a rig.
     """
 
-    def __init__(self, settings: NetworkSettings) -> None:
-        self._settings = settings
+    def __init__(self, most_distance: float) -> None:
+        self._most_distance = most_distance
         self._contested: dict[int, tuple[float, Sequence[Observation]]] = {}  # newest directions of each rig, and their time
 
     def forget(self, rig: int) -> None:
@@ -137,23 +132,23 @@ class Pairing:
         """
         if not reported:
             return
-        rig, settings, m = reported[0].rig, self._settings, len(reported)
+        rig, m = reported[0].rig, len(reported)
         recent = sorted((noted, other) for other, (noted, _) in self._contested.items()
                         if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
         others = [one for _, other in recent for one in self._contested[other][1]]
         self._contested[rig] = time, reported
-        room = min(MOST_PROPOSED, settings.most_candidates - sum(not each.confirmed for each in hypotheses))
+        room = min(MOST_PROPOSED, MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses))
         if not others or room <= 0:
             return
-        lines = lines_of([*reported, *others], settings.sound_speed)
+        lines = lines_of([*reported, *others])
         places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)),
-                                        settings.most_distance, settings.speed_sigma)
+                                        self._most_distance)
         together = membership(hypotheses, reported).T @ membership(hypotheses, others)
         rows, columns = np.nonzero((apart < MOST_APART) & ~together)
         if not len(rows):
             return
         rigs = np.array([one.rig for one in (*reported, *others)])
-        gains = supports(places[rows, columns], times[rows, columns], lines, rigs, density, settings.speed_sigma)
+        gains = supports(places[rows, columns], times[rows, columns], lines, rigs, density)
         order = np.argsort(-gains, kind='stable')
         best = np.sort(np.unique(rows[order], return_index=True)[1])  # a direction has one target
         chosen = order[best[:room]]
@@ -163,11 +158,11 @@ class Pairing:
     def _begin(self, states: HypothesisFilter, pairs: Sequence[tuple[Observation, Observation]], places: NDArray[np.float64],
                density: float, time: float) -> list[NetworkTarget]:
         """Candidates of pairs, whose score is the Bayes factor of one target against two; targets are uniform in space."""
-        settings, begun = self._settings, states.count
+        begun = states.count
         means = np.concatenate([places, np.zeros((len(pairs), 3))], 1)
-        states.add(means, np.array([block_diag(WIDE_M**2 * np.eye(3), velocity_covariance(settings))] * len(pairs)))
+        states.add(means, np.array([block_diag(WIDE_M**2 * np.eye(3), velocity_covariance())] * len(pairs)))
         # The prior of the update is Gaussian and wide; at its centre it is replaced by the uniform one.
-        prior = math.log(3.0 / settings.most_distance**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
+        prior = math.log(3.0 / self._most_distance**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
         scores = np.full(len(pairs), prior - math.log(density))
         for part in (0, 1):
             groups: dict[tuple[int, float], list[int]] = {}
@@ -183,8 +178,8 @@ class Pairing:
         nearest = np.min([np.linalg.norm(new_means[:, :3] - [pair[part].position for pair in pairs], axis=1)
                           for part in (0, 1)], axis=0)
         possible = (scores > HOPELESS) & (largest_sigmas(new_covariances)
-                                          < np.minimum(MOST_RELATIVE_SIGMA * nearest, 2.0 * settings.most_sigma))
+                                          < np.minimum(MOST_RELATIVE_SIGMA * nearest, 2.0 * MOST_SIGMA_M))
         states.keep([*range(begun), *(begun + np.flatnonzero(possible))])
         return [NetworkTarget(time, time, members={
-            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row]), settings), UNKNOWN)
+            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row])), UNKNOWN)
             for one in pairs[row]}) for row in np.flatnonzero(possible)]

@@ -13,8 +13,10 @@ from av_network.apparent_direction import LEAST_DISTANCE_M
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState
-from av_network.settings import NetworkSettings
 
+REPORTED_ERROR_M = 7.0  # root mean square error of a position, by its covariance, up to which it is reported as one
+REPORTED_SHARE = 0.1  # of the distance from the nearest rig, up to which that error may grow
+COAST_S = 8.0  # after which a track without reports has lost half of its probability of existence, and ends
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
 LEAST_VARIANCE = 1e-12  # rad^2, of an error that lasts
@@ -22,13 +24,12 @@ RECENT_S = 1.0  # for which a rig's observation counts as recent
 
 
 def target_states(states: HypothesisFilter, calibration: RigCalibration, hypotheses: Sequence[NetworkTarget],
-                  places: Mapping[int, NDArray[np.float64]], settings: NetworkSettings, time: float) -> list[TargetState]:
+                  places: Mapping[int, NDArray[np.float64]], time: float) -> list[TargetState]:
     """All confirmed targets predicted to a time, by id.
 
     Parameters:
         states, calibration, hypotheses: of the tracker.
         places: positions (3,) (m) of the rigs by index.
-        settings: see `NetworkSettings`.
         time (s): by the reference clock.
     """
     rows = [row for row, target in enumerate(hypotheses) if target.confirmed]
@@ -41,11 +42,11 @@ def target_states(states: HypothesisFilter, calibration: RigCalibration, hypothe
     offsets = means[:, None, :3] - np.array(list(places.values()))
     variances = states.unstated + np.stack([calibration.heading_variances[list(places)], np.zeros(len(places))], 1)
     covariances[:, :3, :3] += lasting_errors(covariances[:, :3, :3], offsets, variances, observing)
-    precise = are_precise(covariances, offsets, settings)
+    precise = are_precise(covariances, offsets)
     found = []
     for row, target in enumerate(targets):
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
-        existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
+        existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / COAST_S)
         found.append(TargetState(target, existence, means[row, :6], covariances[row, :6, :6], rigs,
                                  bool(precise[row]) and is_credible(target, time)))
     return sorted(found, key=lambda state: state.target.id)
@@ -84,14 +85,12 @@ def is_credible(target: NetworkTarget, time: float) -> bool:
     return target.odds > 0.0 and time - target.supported < SUPPORTED_S and target.nis < most
 
 
-def are_precise(covariances: NDArray[np.float64], offsets: NDArray[np.float64], settings: NetworkSettings
-                ) -> NDArray[np.bool_]:
+def are_precise(covariances: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether (n,) the root mean square errors of positions by their covariances are as small as asked.
 
     Parameters:
         covariances (n, 9, 9): of the targets.
         offsets (n, r, 3) (m): of their positions from each rig.
-        settings: `reported_error` and `reported_share`.
     """
-    most = np.maximum(settings.reported_error, settings.reported_share * np.linalg.norm(offsets, axis=2).min(axis=1))
+    most = np.maximum(REPORTED_ERROR_M, REPORTED_SHARE * np.linalg.norm(offsets, axis=2).min(axis=1))
     return np.asarray(np.trace(covariances[:, :3, :3], axis1=1, axis2=2) <= most**2)

@@ -190,8 +190,7 @@ class NetworkStage:
                 self._lone_ids[key] = self.tracker.new_id()
             heading = self.tracker.calibration.known(one.rig).heading
             report = Report(self._names[one.rig], one.time, one.position, ())
-            found.append(direction_message(self._lone_ids[key], report, one.sighting, heading,
-                                           self.tracker.settings.speed_sigma))
+            found.append(direction_message(self._lone_ids[key], report, one.sighting, heading))
         self._lone_ids = {key: value for key, value in self._lone_ids.items() if key in self.tracker.unexplained}
         return found
 

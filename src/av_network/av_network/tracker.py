@@ -16,18 +16,23 @@ from av_network.lone_track import separate
 from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation, Report
 from av_network.packing import log_odds
-from av_network.pairing import HOPELESS, Pairing
-from av_network.reporting import target_states
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
+from av_network.reporting import COAST_S, target_states
+from av_network.settings import RigSettings
 from av_network.trust import RigTrust
 
+MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
+TARGET_DENSITY = 0.4  # 1/sr, expected number of targets in a solid angle of a rig's sky that are not tracked yet
+CONFIRMED = 0.95  # probability of existence from which a candidate becomes a track
+LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))
+LEAST_AGE_S = 1.0  # for which a candidate is observed before
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 JOINING_GATE = 9.0
 REFUTING = 32.0  # squared Mahalanobis distance at which a rig's track leaves a candidate
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
 SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
 SKY = 2.0  # sr, in which a rig's targets usually are
-USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
+USUAL_REST = 2  # directions of a report that belong to no target while TARGET_DENSITY holds
 MATURE_S = 2.0  # after which a target teaches the errors of directions
 DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
 DECISION_PERIOD_S = 0.25
@@ -51,12 +56,11 @@ class NetworkTracker:
 
     Parameters:
         rigs: what is known of each.
-        settings: see `NetworkSettings`.
+        most_distance (m): of a target from a rig.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None) -> None:
-        self.settings = settings or NetworkSettings()
-        self._least_odds = math.log(self.settings.confirmed / (1.0 - self.settings.confirmed))
+    def __init__(self, rigs: Sequence[RigSettings], most_distance: float = MOST_DISTANCE_M) -> None:
+        self._most_distance = most_distance
         self._known = list(rigs)
         self.rigs = {rig.name: index for index, rig in enumerate(rigs)}
         self._last_id = 0
@@ -64,14 +68,14 @@ class NetworkTracker:
 
     def reset(self) -> None:
         """Forget all but the ids, as after a step of the clock."""
-        self.filter = HypothesisFilter(self.settings)
-        self.calibration = RigCalibration(self._known, self.settings)
+        self.filter = HypothesisFilter()
+        self.calibration = RigCalibration(self._known)
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
-        self._pairing = Pairing(self.settings)
+        self._pairing = Pairing(self._most_distance)
         self.trust = RigTrust(len(self._known))
         self._decided = -math.inf
-        self._density = self.settings.target_density  # 1/sr, of those that are not tracked yet
+        self._density = TARGET_DENSITY  # 1/sr, of those that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
 
     def join(self, rig: RigSettings) -> None:
@@ -113,7 +117,7 @@ class NetworkTracker:
 
     def states(self, time: float) -> list[TargetState]:
         """All targets predicted to a time (s), by id; the tracker itself is not moved."""
-        return target_states(self.filter, self.calibration, self.hypotheses, self._places, self.settings, time)
+        return target_states(self.filter, self.calibration, self.hypotheses, self._places, time)
 
     def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
         """Associate, update, teach, and propose candidates."""
@@ -125,8 +129,8 @@ class NetworkTracker:
             self._leave_out(rig)
             return
         # A crowd of directions that are not explained makes chance meetings likely.
-        self._density = max(self.settings.target_density, (len(observations) - len(assigned) - USUAL_REST) / SKY)
-        known = explained(self.hypotheses, present, self._least_odds)
+        self._density = max(TARGET_DENSITY, (len(observations) - len(assigned) - USUAL_REST) / SKY)
+        known = explained(self.hypotheses, present, LEAST_ODDS)
         contested = [column for column, one in enumerate(observations) if one.key not in known]
         pairs = {row: column for column, row in assigned.items()}
         pairs |= self._follow(rig, observations, contested, innovations, time)
@@ -148,7 +152,7 @@ class NetworkTracker:
         def others(row: int) -> set[int]:
             return {other for other, _ in present[row] if other != rig and other in self.trust}
 
-        means, reach = self.filter.targets()[0], self.settings.most_distance
+        means, reach = self.filter.targets()[0], self._most_distance
         confirmed = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
         if any(np.linalg.norm(means[row, :3] - observations[0].position) < reach and len(others(row)) > 1 for row in confirmed):
             on, off = sum(len(present[row]) for row in confirmed), sum(other != rig for other, _ in self.unexplained)
@@ -206,7 +210,7 @@ class NetworkTracker:
         means = self.filter.targets()[0][rows, :3]
         picked = innovations.pick(rows, columns)
         members = [each.member(rig, one.sighting.id) for each, one in zip(targets, used, strict=True)]
-        alone = separate([member.alone if member else None for member in members], used, means, self._density, self.settings)
+        alone = separate([member.alone if member else None for member in members], used, means, self._density)
         errors, gains = track_errors([member.error if member else UNKNOWN for member in members], used, *picked.moments())
         gains += picked.log_density - [density for _, density in alone]
         for k, (each, one) in enumerate(zip(targets, used, strict=True)):
@@ -247,7 +251,7 @@ class NetworkTracker:
                 continue
             if not each.confirmed:
                 same = any(keys <= other or len(keys & other) >= WELL_SUPPORTED for other in used)
-                if same or time - each.measured > 2.0 or candidates >= self.settings.most_candidates:
+                if same or time - each.measured > 2.0 or candidates >= MOST_CANDIDATES:
                     continue
                 candidates += 1
             used.append(keys)
@@ -255,12 +259,12 @@ class NetworkTracker:
         self._keep(kept)
 
     def _is_lost(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return (sigma > self.settings.most_sigma or time - each.measured > self.settings.coast
+        return (sigma > MOST_SIGMA_M or time - each.measured > COAST_S
                 or time - each.disputed_since > DISPUTED_S)
 
     def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:
         return (each.refuted or len(each.members) < 2 or each.score(each.tracks()) < HOPELESS
-                or sigma > 2.0 * self.settings.most_sigma)
+                or sigma > 2.0 * MOST_SIGMA_M)
 
     @staticmethod
     def _rank(each: NetworkTarget, time: float) -> tuple[bool, float]:
@@ -288,8 +292,8 @@ class NetworkTracker:
                 if len(members[row]) < 2:
                     each.odds = MEMBER_BONUS
                 each.disputed_since = math.inf if each.odds > 0.0 else min(each.disputed_since, time)
-            elif (each.odds >= self._least_odds and time - each.started >= self.settings.least_age
-                  and sigmas[row] < self.settings.most_sigma):
+            elif (each.odds >= LEAST_ODDS and time - each.started >= LEAST_AGE_S
+                  and sigmas[row] < MOST_SIGMA_M):
                 self._confirm(each, members[row], time)
 
     def _confirm(self, each: NetworkTarget, keys: set[tuple[int, int]], time: float) -> None:

@@ -54,14 +54,14 @@ def test_directions_meet_at_their_target():
 
     left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
     others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]
-    one, lines = (lines_of(each, 343.2) for each in ([seen(0, left)], others))
-    places, _, apart = meetings(one, lines, 400.0, 1.0)
+    one, lines = (lines_of(each) for each in ([seen(0, left)], others))
+    places, _, apart = meetings(one, lines, 400.0)
     assert np.allclose(places[0, 0], target) and apart[0, 0] < 1e-9
     assert apart[0, 1] == np.inf and apart[0, 2] > 9.0
-    assert meetings(one, lines, 50.0, 1.0)[2][0, 0] == np.inf
+    assert meetings(one, lines, 50.0)[2][0, 0] == np.inf
     # 3 m higher, by errors of 10 mrad and by 8 m/s for 0.5 s.
-    above = lines_of([seen(1, right, target + np.array([0.0, 0.0, 3.0]))], 343.2)
-    sharp, moved = (meetings(one, each, 400.0, 8.0)[2][0, 0] for each in (above, above._replace(times=above.times + 0.5)))
+    above = lines_of([seen(1, right, target + np.array([0.0, 0.0, 3.0]))])
+    sharp, moved = (meetings(one, each, 400.0)[2][0, 0] for each in (above, above._replace(times=above.times + 0.5)))
     assert sharp > 4.0 and 0.25 < moved < 0.5
 
 
@@ -72,8 +72,8 @@ def test_a_place_is_probable_where_directions_of_several_rigs_pass():
     place, nowhere = np.array([[60.0, 1.0, 0.0]]), np.array([[0.0, 60.0, 0.0]])
     expected = np.log(1.0 / (2.0 * np.pi * 1e-4 * 0.4)) - 0.5 / 0.36
     for rigs in ([0, 0], [0, 1]):
-        assert supports(place, np.zeros(1), lines, np.array(rigs), 0.4, 8.0) == pytest.approx([expected], rel=1e-3)
-    assert supports(nowhere, np.zeros(1), lines, np.array([0, 1]), 0.4, 8.0) == pytest.approx([0.0])
+        assert supports(place, np.zeros(1), lines, np.array(rigs), 0.4) == pytest.approx([expected], rel=1e-3)
+    assert supports(nowhere, np.zeros(1), lines, np.array([0, 1]), 0.4) == pytest.approx([0.0])
 
 
 def report(rig, time):

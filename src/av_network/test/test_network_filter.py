@@ -9,13 +9,13 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import multivariate_normal
 
+from av_network import motion_model
 from av_network.apparent_direction import apparent_directions
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
-from av_network.motion_model import usual_modes
+from av_network.motion_model import Mode, usual_modes
 from av_network.observation import Observation, RigState, Sighting
-from av_network.settings import Mode, NetworkSettings
 
 SOUND = 343.2
 EXACT = RigState(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -64,7 +64,7 @@ def seen(rig, truth=TRUTH, known=EXACT):
 
 def test_many_targets_at_once_are_what_each_is_alone():
     """An update of some of the targets, against the textbook's equations for one, and nothing of the others."""
-    states = HypothesisFilter(NetworkSettings())
+    states = HypothesisFilter()
     states.predict(0.0)
     means = TRUTH + np.array([[1.0, -2.0, 1.0, 0, 0, 0], [0, 3.0, 0, 1.0, 0, 0], [20.0, 0, 0, 0, 0, 0]])
     states.add(means, np.array([np.diag([9.0] * 3 + [4.0] * 3)] * 3))
@@ -80,7 +80,7 @@ def test_many_targets_at_once_are_what_each_is_alone():
             assert np.allclose(states.mean[row, mode], mean[row, mode] + gain @ found.residuals[row, 0, mode])
             assert np.allclose(states.covariance[row, mode], (np.eye(9) - gain @ H) @ P[row, mode])
             densities.append(multivariate_normal.pdf(found.residuals[row, 0, mode], cov=S))
-        weighed = usual_modes(NetworkSettings()) * densities
+        weighed = usual_modes() * densities
         assert np.allclose(states.modes[row], weighed / weighed.sum(), atol=2e-3)
         assert found.log_density[row, 0] == pytest.approx(math.log(weighed.sum()))
     assert np.array_equal(states.mean[1], mean[1]) and np.array_equal(states.covariance[1], P[1])
@@ -88,7 +88,7 @@ def test_many_targets_at_once_are_what_each_is_alone():
 
 def test_uncertain_headings_and_clocks_are_errors_of_directions():
     """A heading of 20 mrad, by the elevation, and a clock of 0.1 s, by the target's motion of 3 m/s."""
-    states = HypothesisFilter(NetworkSettings(modes=(Mode(0.0, 1.0, 1.0),)))
+    states = HypothesisFilter()
     states.predict(0.0)
     states.add(TRUTH[None], np.diag([1e-6] * 6)[None])
     exact, uncertain = (states.innovations([seen(1, known=known)]) for known in (EXACT, RigState(0.1, 0.0, 0.02, 0.1, 0.5)))
@@ -128,16 +128,17 @@ def test_directions_with_an_error_that_lasts_are_as_probable_as_together():
     assert np.allclose(late.mean, early.mean) and np.allclose(late.share, early.share)
 
 
-def test_density_of_a_lone_track_is_that_of_its_motion():
+def test_density_of_a_lone_track_is_that_of_its_motion(monkeypatch):
     """Against the joint Gaussian density of three directions to one target whose acceleration is short, and less in height."""
     distance, times, sigma = 50.0, np.array([0.0, 0.3, 0.7]), 0.01
-    settings = NetworkSettings((Mode(math.sqrt(2e4), 1e-4, 1.0),), speed_sigma=8.0, climb_share=0.5, velocity_memory=1e9)
+    for name, value in (('MODES', (Mode(math.sqrt(2e4), 1e-4, 1.0),)), ('CLIMB_SHARE', 0.5), ('VELOCITY_MEMORY_S', 1e9)):
+        monkeypatch.setattr(motion_model, name, value)
     azimuths = np.array([0.1, 0.16, 0.19])
     observations = [Observation(0, np.zeros(3), sighting(a, 0.0, sigma, measured=time), EXACT)
                     for time, a in zip(times, azimuths, strict=True)]
     track, total = None, 0.0
     for one in observations:
-        ((track, density),) = separate([track], [one], np.array([[distance, 0.0, 0.0]]), 0.2, settings)
+        ((track, density),) = separate([track], [one], np.array([[distance, 0.0, 0.0]]), 0.2)
         total += density
     # Given the first angle, later ones vary by its error, by the rate, and by twice integrated white noise.
     s, t = np.minimum.outer(times[1:], times[1:]), np.maximum.outer(times[1:], times[1:])

@@ -14,19 +14,18 @@ from av_network.lone_track import LoneTrack
 from av_network.network_target import Member, NetworkTarget
 from av_network.observation import Observation, RigState, Sighting
 from av_network.reporting import target_states
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import RigSettings
 
-SETTINGS = NetworkSettings()
 ALONE = LoneTrack(0.0, np.zeros(2), np.zeros((2, 2, 3)), np.zeros((2, 2, 3, 3)), np.ones(2) / 2)
 KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0, born=-5.0)
 
 
 def positioned(target, sigma=1.0, time=10.5):
-    states = HypothesisFilter(SETTINGS)
+    states = HypothesisFilter()
     states.predict(10.0)
     states.add(np.array([[0.0, 50.0, 20.0, 1.0, 0.0, 0.0]]), np.diag([sigma**2] * 3 + [1.0] * 3)[None])
-    calibration = RigCalibration([RigSettings(str(rig), 0.0, 0.0) for rig in range(4)], SETTINGS)
-    (state,) = target_states(states, calibration, [target], dict.fromkeys(range(4), np.zeros(3)), SETTINGS, time)
+    calibration = RigCalibration([RigSettings(str(rig), 0.0, 0.0) for rig in range(4)])
+    (state,) = target_states(states, calibration, [target], dict.fromkeys(range(4), np.zeros(3)), time)
     assert np.allclose(state.mean[:3], [time - 10.0, 50.0, 20.0], atol=0.05)
     return state.positioned
 

@@ -15,8 +15,9 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
 from av_network.messages import PUBLISHED, check_age, check_version, is_place, report_of, target_message
 from av_network.network_target import TargetState
+from av_network.pairing import MOST_SIGMA_M
 from av_network.report_queue import ReportQueue
-from av_network.settings import NetworkSettings, RigSettings
+from av_network.settings import RigSettings
 from av_network.tracker import NetworkTracker
 
 MARGIN_M = 30.0  # beyond its border to which a cell tracks, so that it has a track before it takes it over
@@ -112,7 +113,7 @@ class Cell:
 
     def __init__(self, place: tuple[int, int], grid: Grid) -> None:
         self.place, self._grid = place, grid
-        self.tracker = NetworkTracker((), NetworkSettings(most_distance=grid.reach))
+        self.tracker = NetworkTracker((), grid.reach)
         self._queue = ReportQueue(WAIT_S)
         self._first = (place[1] * grid.cells + place[0]) * NAMES
         self._names: dict[int, int] = {}
@@ -153,7 +154,7 @@ class Cell:
         if not (one.positioned and PUBLISHED < one.existence <= 1.0 and 0 < one.id < self._grid.cells**2 * NAMES):
             raise ValueError(f"a neighbour's track {one.id} without a position, a probability or a name")
         if not (is_place(position) and np.linalg.norm(velocity) < MOST_SPEED
-                and _is_covariance(one.position_covariance, self.tracker.settings.most_sigma)
+                and _is_covariance(one.position_covariance, MOST_SIGMA_M)
                 and _is_covariance(one.velocity_covariance, MOST_SPEED)):
             raise ValueError(f"a neighbour's track {one.id} at {position} m, {velocity} m/s, which cannot be")
         return _Foreign(one.id, position, velocity, time)
