@@ -116,6 +116,17 @@ def test_images_that_show_nothing_in_fog_tell_nothing(contract, name, visibility
     assert not any(moment.bearing.resolved for moment in rig.moments)
 
 
+def test_an_image_of_smoke_tells_no_more_than_its_visibility(contract):
+    """Clear air beside the rig, smoke where the camera then looks: one drone in ten would be seen there, odds of 9 to 10."""
+    def camera(t):
+        return Rotation.from_euler('z', 90.0 - min(max(t - 3.0, 0.0) * 120.0, 90.0), degrees=True)
+    rigs = [FormulaRig([Source.at(20.0, 4.0, seen=never)], camera=camera, gimbal=GimbalMount(), seed=seed,
+                       visibility=lambda t: 1.0 if t < 3.0 else 0.1).run(7.0) for seed in range(3)]
+    contract(at_least('probability of the front, least',
+                      min(m.state.front_probability for rig in rigs for m in rig.between(3.0)), 0.4))
+    assert not any(moment.bearing.resolved for rig in rigs for moment in rig.moments)
+
+
 def test_a_side_out_of_view_is_not_excluded(contract):
     """A target at 70 deg is out of view on either side: images without it tell nothing."""
     rig = FormulaRig([Source.at(70.0)], visibility=lambda t: 1.0).run(6.0)
