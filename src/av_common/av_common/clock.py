@@ -20,6 +20,7 @@ WINDOW_S = 1.0           # age of the arrivals that determine the offset
 SPACING_S = 0.005        # arrivals closer than this count once, so that a flood has no more weight than a stream
 STEP_S = 0.1             # interval between corrections
 DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
+UNSEEN_DRIFT = 1e-4      # slew (s/s), either way, while the sender is late: twice that of crystals
 CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for a whole window
 NEAR_S = 0.01
 EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
@@ -115,8 +116,9 @@ class SenderClock:
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
     back. No stamp is dated later than its arrival.
 
-    A sender that was late while its first stamps agreed, or for some seconds since then, seems to jump ahead when it is on time
-    again. Where nobody else can send at its address, `early` makes that no restart: the arrivals prove an offset that is less.
+    A sender that was late for a while is on time again by its least offset before. One that was late while its first stamps
+    agreed seems to jump ahead then. Where nobody else can send at its address, `early` makes that no restart: the arrivals
+    prove an offset that is less.
 
     Until the first stamps have agreed for AGREEMENT_S the offset is provisional: the least one of them, which may be
     LATEST_S less than the first. A first stamp that is wrong is thus replaced as soon as the others have agreed.
@@ -139,6 +141,7 @@ class SenderClock:
         self._accepted: _Offset | None = None
         self._candidates: list[_Offset] = []
         self._offset = self._floor = self._low = math.nan
+        self._earliest = math.nan    # the floor by which it was on time last
         self._newest = self._renewed = -math.inf    # newest stamp, and when it arrived first
         self._corrected = 0.0
 
@@ -175,7 +178,7 @@ class SenderClock:
     def _fits(self, accepted: _Offset, stamp: float, offset: float, now: float) -> bool:
         lag = offset - self._offset
         if lag < 0.0:
-            return offset >= (self._floor - self._early if self.settled else accepted.first - LATEST_S)
+            return offset >= (self._earliest - self._early if self.settled else accepted.first - LATEST_S)
         if lag <= (REORDERED_S if self.settled else WIDTH_S):
             return True
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
@@ -187,7 +190,7 @@ class SenderClock:
     def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
         accepted.add(now, offset)
         if not self.settled:
-            self._offset = self._floor = self._low = min(self._offset, offset)
+            self._offset = self._floor = self._earliest = self._low = min(self._offset, offset)
             self.settled = accepted.agrees
         elapsed = now - self._corrected
         if elapsed < STEP_S or not self.settled:
@@ -198,7 +201,9 @@ class SenderClock:
         steady = accepted.count(now) > FEWEST and accepted.span > 0.8 * WINDOW_S
         most = elapsed * (CHASE if steady and abs(error) > NEAR_S else self._drift)
         self._offset += max(-most, min(most, error))
-        self._floor = min(self._floor + self._drift * elapsed, self._offset)
+        on_time = abs(error) <= NEAR_S and self._offset - self._floor <= NEAR_S
+        self._floor = min(self._floor + (self._drift if on_time else UNSEEN_DRIFT) * elapsed, self._offset)
+        self._earliest = self._floor if on_time else min(self._earliest - UNSEEN_DRIFT * elapsed, self._offset)
 
     def _propose(self, now: float, offset: float) -> bool:
         """Add an arrival to the candidates; True when it completes an agreement, which it follows."""
@@ -213,7 +218,7 @@ class SenderClock:
             self.restarts += self.settled
             self.settled = True
         self._accepted, self._candidates = candidate, []
-        self._offset = self._floor = self._low = candidate.settle()
+        self._offset = self._floor = self._earliest = self._low = candidate.settle()
         self._newest, self._corrected = -math.inf, now
         return True
 

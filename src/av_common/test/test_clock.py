@@ -285,6 +285,18 @@ def test_a_slow_sender_is_late_and_then_followed_by_slewing(rng):
     assert clock.offset - EPOCH == pytest.approx(0.2 + LEAST_DELAY - 5.0, abs=2e-3)
 
 
+@pytest.mark.parametrize('drift', [-20e-6, 0.0, 20e-6])
+@pytest.mark.parametrize(('late', 'seconds'), [(0.1, 60.0), (0.3, 300.0), (0.9, 600.0)])
+def test_a_sender_that_was_late_for_minutes_is_not_early_when_it_is_on_time_again(rng, late, seconds, drift):
+    """It catches up within two seconds."""
+    sent = stream(rng, seconds=seconds + 40.0, rate=20.0, clock=lambda true: true * (1.0 - drift))
+    for one in sent:
+        one.arrival += late * min(max(12.0 + seconds - one.true, 0.0) / 2.0, 1.0) if one.true >= 10.0 else 0.0
+    clock = date(sent)
+    assert share(sent, begin=1.1) == 1.0 and clock.restarts == 0
+    assert most_error([one for one in sent if one.true > 20.0 + seconds]) < MOST_ERROR and clock.lateness < MOST_ERROR
+
+
 @pytest.mark.parametrize('rate', [2.0, 5.0, 30.0, 1000.0])
 def test_streams_of_any_rate_are_dated(rng, rate):
     sent = stream(rng, seconds=8.0, rate=rate, jitter=0.001)
