@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from transforms3d.quaternions import qinverse, qmult, quat2mat
+from transforms3d.quaternions import quat2mat
 
 from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
+from av_common.quaternions import Quaternion, between, inverse, product, vector_of
 from av_common.stamps import to_seconds
 
 KEEP_S = 5.0
@@ -42,7 +43,7 @@ class GimbalSample(NamedTuple):
     """
 
     time: float
-    attitude_wxyz: tuple[float, float, float, float]
+    attitude_wxyz: Quaternion
     variance: float
     measured: bool
 
@@ -131,7 +132,7 @@ class GimbalHistory:
         elapsed = sample.time - before.time
         if elapsed <= 0.0:
             raise ValueError(f'stamp {-elapsed:.3f} s before its predecessor')
-        turned = angle_between(before.attitude_wxyz, sample.attitude_wxyz)
+        turned = _angle(before, sample)
         if turned > SUDDEN + FASTEST * elapsed:
             raise ValueError(f'turned by {math.degrees(turned):.0f} deg within {elapsed:.3f} s, which no gimbal can')
 
@@ -147,11 +148,10 @@ class GimbalHistory:
             return right if time >= right.time - NEAREST_S else None
         left = self._samples[after - 1]
         share = (time - left.time) / (right.time - left.time)
-        path = PATH * angle_between(left.attitude_wxyz, right.attitude_wxyz)
+        path = PATH * _angle(left, right)
         nearness = 4.0 * share * (1.0 - share)  # 0 at either end, 1 in the middle
-        return GimbalSample(time, slerp(left.attitude_wxyz, right.attitude_wxyz, share),
+        return GimbalSample(time, between(left.attitude_wxyz, right.attitude_wxyz, share),
                             max(left.variance, right.variance) + nearness * path**2, left.measured and right.measured)
-
 
     def variance(self, time: float) -> float:
         """Variance (rad^2) about each axis at a time (s); that of the newest orientation after it, 0 without any."""
@@ -161,19 +161,6 @@ class GimbalHistory:
         return sample.variance
 
 
-def angle_between(first: tuple[float, ...], second: tuple[float, ...]) -> float:
-    """Angle (rad) of the rotation between two unit quaternions (w, x, y, z)."""
-    w, x, y, z = qmult(qinverse(first), second)
-    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
-
-
-def slerp(first: tuple[float, ...], second: tuple[float, ...], share: float) -> tuple[float, float, float, float]:
-    """The unit quaternion at a share 0..1 of the shortest way between two (Shoemake 1985)."""
-    cosine = sum(a * b for a, b in zip(first, second, strict=True))
-    angle = math.acos(min(abs(cosine), 1.0))
-    if angle < 1e-6:
-        return first  # type: ignore[return-value]
-    one = math.sin((1.0 - share) * angle) / math.sin(angle)
-    other = math.copysign(math.sin(share * angle) / math.sin(angle), cosine)
-    w, x, y, z = (one * a + other * b for a, b in zip(first, second, strict=True))
-    return w, x, y, z
+def _angle(first: GimbalSample, second: GimbalSample) -> float:
+    """Angle (rad) of the rotation between two orientations."""
+    return math.hypot(*vector_of(product(inverse(first.attitude_wxyz), second.attitude_wxyz)))

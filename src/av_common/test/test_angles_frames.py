@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 from transforms3d.euler import euler2quat
 from transforms3d.quaternions import quat2mat
 
@@ -21,6 +22,7 @@ from av_common.frames import (
     rotation_from_rpy,
     yaw_of,
 )
+from av_common.quaternions import between, inverse, product, quaternion_of, rotation, vector_of
 
 
 def test_wrap_keeps_pi_and_turns_minus_pi():
@@ -35,6 +37,18 @@ def test_directions_and_angles_are_inverse():
     random = np.random.default_rng(1)
     azimuth, elevation = random.uniform(-3, 3, 50), random.uniform(-1.5, 1.5, 50)
     assert np.allclose(direction_to_angles(angles_to_direction(azimuth, elevation)), (azimuth, elevation))
+
+
+def test_rotations_are_those_of_scipy_whatever_the_sign_of_a_quaternion():
+    """Products, matrices, vectors, and places on the shortest way between two."""
+    for pair in Rotation.random(20, random_state=1).as_quat().reshape(10, 2, 4):
+        (first, second), (p, q) = map(Rotation.from_quat, pair), np.roll(pair, 1, axis=1).tolist()
+        assert np.allclose(rotation(product(p, inverse(q))), (first * second.inv()).as_matrix())
+        assert np.allclose(vector_of(p), first.as_rotvec())
+        assert np.allclose(rotation(quaternion_of(vector_of(p))), first.as_matrix())
+        way = Slerp([0.0, 1.0], Rotation.concatenate([first, second]))
+        for other in (q, [-part for part in q]):
+            assert np.allclose(rotation(between(p, other, 0.3)), way(0.3).as_matrix())
 
 
 def test_axes_of_the_frames():

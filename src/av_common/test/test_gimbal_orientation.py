@@ -22,7 +22,6 @@ from av_common.gimbal_history import (
     GimbalHistory,
     GimbalSample,
     NotYetKnownError,
-    angle_between,
     sample_of,
 )
 from av_common.rig import GimbalMount, Mount, load_rig
@@ -155,8 +154,3 @@ def test_a_message_that_cannot_be_used_is_refused(change, reason):
     message.source = change.get('source', GimbalState.SOURCE_MODEL)
     with pytest.raises(ValueError, match=reason):
         sample_of(message, 'gimbal_link')
-
-
-def test_angle_between_ignores_the_sign_of_a_quaternion():
-    q = tuple(euler2quat(0.1, 0.2, 0.3))
-    assert angle_between(q, tuple(-part for part in q)) == pytest.approx(0.0, abs=1e-9)

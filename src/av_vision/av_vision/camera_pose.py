@@ -11,11 +11,11 @@ from transforms3d.quaternions import quat2mat
 
 from av_common.camera import PinholeCamera
 from av_common.frames import checked_orientation
-from av_common.gimbal_history import NEAREST_S, slerp
+from av_common.gimbal_history import NEAREST_S
+from av_common.quaternions import Quaternion, between
 
 KEPT = 400       # attitudes, four seconds at 100 a second
 LATEST_S = 0.2   # how far an image may be from the newest attitude
-Quaternion = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class AttitudeHistory:
                 if later is None or later[0] - stamp < NEAREST_S / 10.0:
                     return quat2mat(attitude) if time - stamp <= LATEST_S else None
                 share = (time - stamp) / (later[0] - stamp)
-                return quat2mat(slerp(attitude, later[1], share))
+                return quat2mat(between(attitude, later[1], share))
             later = (stamp, attitude)
         return quat2mat(later[1]) if later is not None and later[0] - time <= LATEST_S else None
 

@@ -20,8 +20,9 @@ from operator import mul
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.quaternions import quaternion_of, rotation
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
-from av_fusion.measurement.vectors import quaternion_of, rotation, turned
+from av_fusion.measurement.vectors import turned
 
 SIGHT_CORRELATION_S = 5.0  # errors of the camera's calibration persist; comparisons within this time are not independent
 LEAST_CONFIDENCE = 0.5  # of detections and of directions of arrival that are compared

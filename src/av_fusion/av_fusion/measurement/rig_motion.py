@@ -7,22 +7,8 @@ import math
 from typing import NamedTuple
 
 from av_common.frames import is_orientation, yaw_of
-from av_fusion.measurement.vectors import (
-    IDENTITY,
-    ZERO,
-    Quaternion,
-    Rows,
-    Vector,
-    between,
-    combined,
-    dot,
-    inverse,
-    product,
-    quaternion_of,
-    rotation,
-    turned,
-    vector_of,
-)
+from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, product, quaternion_of, rotation, vector_of
+from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, turned
 
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
