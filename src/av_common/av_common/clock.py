@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Iterator
 
 AGREEMENT_S = 1.0        # stamps must agree for this long before they set the clock
 AGREEMENT_ERROR_S = 0.015    # largest difference of the offsets before and after the middle of that time
@@ -26,7 +25,7 @@ NEAR_S = 0.01
 EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
 LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
 REORDERED_S = 0.015      # largest delay of a stamp older than its predecessor: a step back of the clock looks alike
-WIDTH_S = 0.1            # largest difference of the offsets of one candidate
+WIDTH_S = 0.1            # largest difference of the offsets of one candidate from its first
 MOST_CANDIDATES = 16
 CANDIDATE_SILENCE_S = 2.0
 REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
@@ -60,22 +59,18 @@ class _Offset:
 
     def __init__(self, now: float, offset: float) -> None:
         self.begin = self.end = now
-        self.first = self.lowest = self.highest = offset
+        self.first = offset
         self._samples = deque([(now, offset)])
 
     def add(self, now: float, offset: float) -> None:
         self.end = now
-        self.lowest, self.highest = min(self.lowest, offset), max(self.highest, offset)
         if now - self._samples[-1][0] >= SPACING_S:
             self._samples.append((now, offset))
         while len(self._samples) > FEWEST and self._samples[0][0] < now - WINDOW_S:
             self._samples.popleft()
 
     def fits(self, offset: float) -> bool:
-        return max(self.highest, offset) - min(self.lowest, offset) <= WIDTH_S
-
-    def is_near(self, offset: float) -> bool:
-        return self.lowest - WIDTH_S <= offset <= self.highest + WIDTH_S
+        return abs(offset - self.first) <= WIDTH_S
 
     def count(self, now: float, window: float = WINDOW_S) -> int:
         """Number of arrivals in the window (s) that ends `now` (s)."""
@@ -184,7 +179,7 @@ class SenderClock:
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
         if lag > LATEST_S or stamp < self._newest or repeated:
             return False
-        refused = sum(candidate.count(now, lag) for candidate in self._candidates if candidate.is_near(offset))
+        refused = sum(candidate.count(now, lag) for candidate in self._candidates if candidate.fits(offset))
         return refused < accepted.count(now, lag) or not refused
 
     def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
@@ -224,9 +219,8 @@ class SenderClock:
 
     def _candidate(self, now: float, offset: float) -> _Offset | None:
         """The candidate that an arrival joins or begins, None when there is no place for another."""
-        self._candidates = list(self._alive(now))
-        joined = max((candidate for candidate in self._candidates if candidate.fits(offset)),
-                     key=lambda candidate: candidate.count(now), default=None)
+        self._candidates = [other for other in self._candidates if other.end >= now - CANDIDATE_SILENCE_S]
+        joined = next((candidate for candidate in self._candidates if candidate.fits(offset)), None)
         if joined is not None:
             joined.add(now, offset)
             return joined
@@ -237,6 +231,3 @@ class SenderClock:
             self._candidates.remove(min(silent, key=lambda other: other.count(now)))
         self._candidates.append(_Offset(now, offset))
         return self._candidates[-1]
-
-    def _alive(self, now: float) -> Iterator[_Offset]:
-        return (candidate for candidate in self._candidates if candidate.end >= now - CANDIDATE_SILENCE_S)
