@@ -73,4 +73,4 @@ def test_the_simulated_drone_emits_a_recording(tmp_path):
     assert rig.finish() == 0, rig.output
     assert not rig.leftovers()
     skip_figures_where_overloaded()
-    assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output
+    assert rig.value('coverage') > 80.0 and rig.value('median') < 3.0, rig.output

@@ -180,4 +180,4 @@ def test_the_tutorial(tmp_path, monkeypatch):
         assert not rig.leftovers()
     skip_figures_where_overloaded()
     for rig in rigs:
-        assert rig.value('median error') < 4.0, rig.output
+        assert rig.value('median') < 4.0, rig.output

@@ -6,8 +6,8 @@ __all__, __getattr__ = exports(__name__, {
     'experiments.methods': 'METHODS bearings known_methods',
     'experiments.offline_run': 'OfflineRun',
     'metrics.run_log': 'RunLog Series',
-    'metrics.metrics': 'figures_of summarise',
     'replay.replay': 'Replay ReplaySettings',
     'runs.cases': 'Case',
-    'runs.runs': 'evaluate_run run_case',
+    'runs.evaluation': 'evaluate_run',
+    'runs.runs': 'run_case',
 })

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,13 +15,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from av_bags import topics
 from av_common.stamps import to_stamp
 from av_common.track import State
-from av_evaluation.metrics.metrics import summarise
+from av_evaluation.metrics.results import metrics_of
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.report.charts import draw
-from av_evaluation.report.text import format_table
+from av_evaluation.runs.evaluation import SENSES, describe, evaluate_run
 from av_evaluation.runs.measurement_record import MeasurementRecord
-from av_evaluation.runs.runs import evaluate_run
 
 
 def circle_log(error_deg: float = 2.0) -> RunLog:
@@ -38,17 +38,22 @@ def circle_log(error_deg: float = 2.0) -> RunLog:
     return log
 
 
+def figures_of(log: RunLog) -> dict[str, SimpleNamespace]:
+    """Figures of the bearings as they were published, by sense."""
+    metrics = metrics_of([evaluate_run('', log, MeasurementRecord(), SENSES, filtered=False)])
+    return {name: SimpleNamespace(**figures) for name, figures in metrics.items()}
+
+
 def test_known_errors_come_out():
     """RMSE, coverage, switches and time to resolve of a synthetic run."""
-    summary = summarise(circle_log())
-    fused, sound, sight = (summary.senses[name] for name in ('fused', 'sound', 'sight'))
+    fused, sound, sight = figures_of(circle_log()).values()
     assert fused.rmse_deg == pytest.approx(2.0, abs=0.01) and fused.median_deg == pytest.approx(2.0, abs=0.01)
     assert fused.coverage == 1.0 and fused.outliers == 0.0 and fused.hemisphere_errors < 0.05
     assert sound.rmse_deg <= 5.0 + 1e-6
     assert sight.rmse_deg == pytest.approx(0.0, abs=1e-3) and sight.coverage == pytest.approx(0.5, abs=0.03)
-    assert summary.switches == 1
-    assert summary.time_to_resolve == pytest.approx(2.1, abs=0.01)
-    assert fused.delay_median_ms == pytest.approx(100.0)
+    assert fused.switches == 1
+    assert fused.time_to_resolve_s == pytest.approx(2.1, abs=0.01)
+    assert fused.latency_ms == pytest.approx(100.0)
 
 
 def test_gaps_cost_coverage():
@@ -59,7 +64,7 @@ def test_gaps_cost_coverage():
     for time, azimuth in zip(log.fused['time'], log.fused['azimuth'], strict=True):
         lost = 1005.0 < time < 1011.6
         gappy.fused.add(time, math.nan if lost else azimuth, 0.1, State.NONE if lost else State.ACOUSTIC_ACTIVE, 1, 0.1)
-    assert summarise(gappy).senses['fused'].coverage == pytest.approx(2.0 / 3.0, abs=0.03)
+    assert figures_of(gappy)['fused'].coverage == pytest.approx(2.0 / 3.0, abs=0.03)
 
 
 def test_sight_without_detections_has_no_coverage():
@@ -76,13 +81,13 @@ def test_sight_without_detections_has_no_coverage():
 
 def test_an_empty_run_and_one_without_truth_make_a_table(tmp_path):
     """Without measurements and truth the table has dashes, and a plot is written."""
-    assert 'coverage' in format_table(summarise(RunLog()))
+    assert 'coverage' in describe(RunLog(), tmp_path / 'empty')
     log = RunLog()
     log.fused.add(1.0, 0.1, 0.1, State.ACOUSTIC_ACTIVE, 1, 0.1)
-    assert math.isnan(summarise(log).senses['fused'].rmse_deg)
-    draw(RunLog(), tmp_path / 'empty.png')
-    draw(circle_log(), tmp_path / 'full.png', 'circle')
-    assert (tmp_path / 'full.png').stat().st_size > 10_000
+    assert figures_of(log)['fused'].rmse_deg is None
+    assert '2.00°' in describe(circle_log(), tmp_path / 'full')
+    assert (tmp_path / 'full' / 'bearing.png').stat().st_size > 10_000
+    assert json.loads((tmp_path / 'full' / 'metrics.json').read_text())['fused']['coverage'] == 1.0
 
 
 def test_the_log_is_saved_as_tables(tmp_path):

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 
 from av_bags.converters import FORMATS, AudioLayout
 from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter
-from av_evaluation.metrics.metrics import summarise
 from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
-from av_evaluation.report.text import format_table
+from av_evaluation.runs.evaluation import describe
 from av_evaluation.runs.program import Progress
 
 
@@ -87,15 +84,7 @@ def replay(options: argparse.Namespace) -> int:
         elapsed, busy = (max(spent, 1e-9) for spent in (time.monotonic() - began, time.process_time() - worked))
     for note in run.notes:
         print(f'  ! {note}', file=sys.stderr)
-    summary = summarise(log)
-    print(format_table(summary))
+    print(describe(log, Path(options.report) if options.report else None))
     print(f'{length:.1f} s replayed in {elapsed:.2f} s: {length / elapsed:.0f} x real time '
           f'({length / busy:.0f} x by {busy:.2f} s of processor time)')
-    if options.report:
-        from av_evaluation.report.charts import draw  # matplotlib takes a second to load
-
-        folder = Path(options.report)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
-        draw(log, folder / 'bearing.png', f'{options.bag}, replayed from {run.stage}')
     return 3 if run.lost else 0

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
-from av_evaluation.metrics.comparison import cell, format_rows, rows_of, write_json
+from av_evaluation.metrics.results import write_json
+from av_evaluation.report.text import cell, format_rows, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 

@@ -7,6 +7,8 @@ publication. Other trackers use no truth.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,8 +71,8 @@ def estimators_of(methods: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if name in DOA_METHODS.names and name != OWN_METHOD))
 
 
-def bearings(method: str, record: MeasurementRecord, log: RunLog) -> tuple[NDArray, NDArray]:
-    """Times (n, s) and azimuths (n, rad, body frame) of one method, median-filtered in the world frame.
+def bearings(method: str, record: MeasurementRecord, log: RunLog, filtered: bool = True) -> tuple[NDArray, NDArray]:
+    """Times (n, s) and azimuths (n, rad, body frame) of one method.
 
     They are empty where the target was not detected. Raises UnavailableError where the run lacks the measurements that the
     method needs, ValueError for an unknown method.
@@ -79,6 +81,7 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog) -> tuple[NDArr
         method: one of `known_methods`.
         record: measurements of the run.
         log: truth, measurements and bearings of the run.
+        filtered: whether they pass a median filter in the world frame.
     """
     check_methods((method,))
     observed = False
@@ -97,10 +100,10 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog) -> tuple[NDArr
         world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
     else:
-        time, world = _nearest(_directions(method, record), log)
+        time, world = _nearest(log.sound if method == 'sound' else _columns(_directions(method, record)), log)
     if not time.size and not observed:
         raise UnavailableError(f'{method}: no measurements')
-    return time, wrap(_median(world) - log.heading(time))
+    return time, wrap((_median(world) if filtered else world) - log.heading(time))
 
 
 def track(method: str, record: MeasurementRecord, log: RunLog) -> Series:
@@ -132,19 +135,25 @@ def _directions(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
 def _resolved(directions: list[DoaMeasurement], log: RunLog) -> list[DoaMeasurement]:
     """Directions with one hypothesis each, the one nearest to the truth, in the order in which their windows end."""
     directions = sorted((one for one in directions if one.hypotheses), key=lambda one: one.time + 0.5 * one.window)
-    time, world = _nearest(directions, log)
+    time, world = _nearest(_columns(directions), log)
     return [one._replace(hypotheses=(Hypothesis(float(azimuth), one.hypotheses[0].across_variance),), cone=None)
             for one, azimuth in zip(directions, wrap(world - log.heading(time)), strict=True)]
 
 
-def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
-    """Stamps (n, s), and of each measurement the world azimuth (n, rad) of the hypothesis nearest to the truth."""
-    measurements = [measurement for measurement in measurements if measurement.hypotheses]
-    time = np.array([measurement.time for measurement in measurements])
-    azimuth = np.zeros(len(time))
-    for k, (measurement, true) in enumerate(zip(measurements, log.true_azimuth(time), strict=True)):
-        azimuths = [hypothesis.azimuth for hypothesis in measurement.hypotheses]
-        azimuth[k] = azimuths[int(np.argmin(np.abs(wrap(np.array(azimuths) - true))))]
+def _columns(measurements: list[DoaMeasurement]) -> Series:
+    """Those that have a direction, as a series like `RunLog.sound`."""
+    series = Series('time', 'azimuth', 'mirrored')
+    for measurement in measurements:
+        if measurement.hypotheses:
+            series.add(measurement.time, *[*(one.azimuth for one in measurement.hypotheses), math.nan][:2])
+    return series
+
+
+def _nearest(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
+    """Stamps (n, s), and of each direction the world azimuth (n, rad) of the hypothesis nearest to the truth."""
+    time, azimuth, mirrored = series['time'], series['azimuth'], series['mirrored']
+    true = log.true_azimuth(time)
+    azimuth = np.where(np.abs(wrap(mirrored - true)) < np.abs(wrap(azimuth - true)), mirrored, azimuth)
     return time, wrap(azimuth + log.heading(time))
 
 

@@ -11,10 +11,11 @@ from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS, is_tracker
 from av_evaluation.experiments.physical import CLIPS, FILMED, ROOM
-from av_evaluation.metrics.comparison import cell, domain_rows, metrics_of, rows_of
-from av_evaluation.metrics.results import RunResult
-from av_evaluation.report.charts import bearing_chart, distribution_chart, label
+from av_evaluation.metrics.comparison import domain_rows
+from av_evaluation.metrics.results import RunResult, metrics_of
+from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
+from av_evaluation.report.text import cell, label, rows_of
 from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]

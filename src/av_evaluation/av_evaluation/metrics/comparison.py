@@ -1,8 +1,7 @@
-"""Comparison of methods: table, metrics.json and report of an evaluation."""
+"""Comparison of methods: metrics.json and report of an evaluation, of domains, and of sigma by sensor."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,81 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from av_common.track import State
-from av_evaluation.metrics.results import RunResult, errors_together, figures_together
+from av_evaluation.metrics.results import RunResult, errors_together, figures_together, methods_of, metrics_of, write_json
 from av_evaluation.metrics.statistics import cohens_d, percentile_matched_correlation
-from av_evaluation.report.charts import bearing_chart, distribution_chart, label
+from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
-
-Figures = Mapping[str, float | None]
-COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0, '{:.2f}°'),
-           ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
-           ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
-TIMES = (('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
-         ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
-         ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
-
-
-def methods_of(runs: Sequence[RunResult]) -> list[str]:
-    """Methods of the runs in their order."""
-    return list(dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing)))
-
-
-def metrics_of(runs: Sequence[RunResult], methods: Sequence[str] | None = None) -> dict[str, dict[str, float | None]]:
-    """Figures of each method over all runs, the content of metrics.json.
-
-    Parameters:
-        runs: whose errors are pooled.
-        methods: to include; those of the runs where None.
-    """
-    return {method: figures_together(runs, method) for method in methods or methods_of(runs)}
-
-
-def cell(figures: Figures, key: str, scale: float, form: str) -> str:
-    """A figure as text, a dash where there is none.
-
-    Parameters:
-        figures: of a method.
-        key: of the figure.
-        scale: factor from the figure to the unit of the text.
-        form: format with the unit.
-    """
-    value = figures.get(key)
-    return form.format(scale * value) if value is not None else '–'
-
-
-def interval(figures: Figures) -> str:
-    """The confidence interval of the RMSE as text."""
-    low, high = figures.get('rmse_low_deg'), figures.get('rmse_high_deg')
-    return '–' if low is None or high is None else f'{low:.2f}–{high:.2f}°'
-
-
-def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the table of methods."""
-    head = ['method', *(name for _, name, _, _ in COLUMNS[:2]), '95 % interval', *(name for _, name, _, _ in COLUMNS[2:]),
-            *(name for _, name, _, _ in TIMES)]
-    rows = []
-    for method, figures in metrics.items():
-        first, later = ([cell(figures, key, scale, form) for key, _, scale, form in columns]
-                        for columns in (COLUMNS[:2], (*COLUMNS[2:], *TIMES)))
-        rows.append([label(method), *first, interval(figures), *later])
-    return head, rows
-
-
-def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as text with aligned columns.
-
-    Parameters:
-        head: cells of the header.
-        rows: cells of each row.
-    """
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    return '\n'.join('  '.join(text.ljust(width) if not column else text.rjust(width)
-                               for column, (text, width) in enumerate(zip(row, widths, strict=True))) for row in (head, *rows))
-
-
-def write_json(path: Path, content: object) -> None:
-    """Write content as JSON. Raises ValueError for nan, which standard JSON lacks."""
-    path.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n')
+from av_evaluation.report.text import interval, label, rows_of
 
 
 def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Path, command: str) -> Path:

@@ -1,9 +1,9 @@
-"""Figures of a run: coverage, errors, time to resolve front and back, switches, rates and delays."""
+"""Figures of a run: coverage, errors, time to resolve front and back, switches."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,88 +18,16 @@ OUTLIER_DEG = 20.0
 TAU = 0.5  # score from which a detection counts
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Figures of one series of bearings. Angles in degrees, shares from 0 to 1; nan without truth.
+def acquired(log: RunLog) -> float:
+    """Time (s) from which errors count: the arrival of the first detection, nan without bearings.
 
-    Attributes:
-        coverage: share of the time with a valid bearing.
-        rmse_deg: root of the mean square error.
-        mae_deg: mean absolute error.
-        median_deg: median of the absolute errors.
-        p95_deg: 95th percentile of the absolute errors.
-        outliers: share of errors beyond 20 degrees.
-        hemisphere_errors: share of bearings in front for a target behind, or the reverse.
-        rate_hz: of bearings.
-        delay_median_ms: median of the delays.
-        delay_p95_ms: 95th percentile of the delays.
-    """
-
-    coverage: float = math.nan
-    rmse_deg: float = math.nan
-    mae_deg: float = math.nan
-    median_deg: float = math.nan
-    p95_deg: float = math.nan
-    outliers: float = math.nan
-    hemisphere_errors: float = math.nan
-    rate_hz: float = 0.0
-    delay_median_ms: float = math.nan
-    delay_p95_ms: float = math.nan
-
-
-@dataclass(frozen=True)
-class Summary:
-    """Figures of a run.
-
-    Attributes:
-        senses: of `fused`, `sound` (the hypothesis nearer to the truth) and `sight`.
-        acquired (s): time from which errors count, nan without bearings.
-        time_to_resolve (s): see the function of this name.
-        switches: see the function of this name.
-        notes: on the origin of the data.
-    """
-
-    senses: dict[str, Errors]
-    acquired: float = math.nan
-    time_to_resolve: float = math.nan
-    switches: int = 0
-    notes: dict[str, str] = field(default_factory=dict)
-
-
-def summarise(log: RunLog) -> Summary:
-    """Compute the figures of a run.
-
-    Errors count from the arrival of the first detection. Without one they count from the first bearing with resolved front
-    and back, else from the first bearing.
+    Without a detection it is that of the first bearing with resolved front and back, else of the first bearing.
     """
     detected = log.sight['score'] >= TAU
     tracked = log.fused['state'] != State.NONE
-    valid = log.sound['confidence'] > 0.0
     resolved = tracked & (log.fused['resolved'] > 0.0)
     candidates = ((log.sight['time'] + log.sight['delay'])[detected], log.fused['time'][resolved], log.fused['time'][tracked])
-    acquired = next((float(times.min()) for times in candidates if times.size), math.nan)
-    end = max((float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)), default=0.0)
-    sound = np.stack([log.sound['azimuth'], log.sound['mirrored']])[:, valid]
-    senses = {'fused': figures_of(log.fused['time'][tracked], log.fused['azimuth'][tracked], log, acquired, end),
-              'sound': figures_of(log.sound['time'][valid], sound, log, acquired, end),
-              'sight': figures_of(log.sight['time'][detected], log.sight['azimuth'][detected], log, acquired, end)}
-    timed = {name: _with_timing(errors, getattr(log, name)) for name, errors in senses.items()}
-    return Summary(timed, acquired, time_to_resolve(log), switches(log.fused), dict(log.notes))
-
-
-def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, end: float) -> Errors:
-    """Figures of a series of bearings.
-
-    Parameters:
-        time (n, s): of the bearings.
-        azimuth (n, rad) or (2, n, rad): in the body frame. Of two hypotheses the one nearer to the truth counts; nan is none.
-        log: with the truth.
-        acquired (s): from which errors and coverage count.
-        end (s): of the time that counts for coverage.
-    """
-    compared = compare(time, azimuth, log, acquired)
-    grid = instants(acquired, end) if math.isfinite(acquired) else np.zeros(0)
-    return errors_of(compared.error_deg, compared.opposite, coverage_of(grid, time))
+    return next((float(times.min()) for times in candidates if times.size), math.nan)
 
 
 @dataclass(frozen=True)
@@ -136,28 +64,18 @@ def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -mat
     return Comparison(time[counted], error[counted], opposite[counted])
 
 
-def errors_of(error_deg: NDArray, opposite: NDArray, coverage: float) -> Errors:
-    """Figures of a series of errors, without rate and delays.
+def errors_of(error_deg: NDArray, opposite: NDArray) -> dict[str, float]:
+    """Figures of a series of errors: angles in degrees, shares from 0 to 1; nan without errors.
 
     Parameters:
         error_deg (n, degrees): signed errors.
         opposite (m,): whether front and back are confused; empty where that is not defined.
-        coverage: share of the time with a valid bearing.
     """
-    error = np.abs(error_deg)
-    if not error.size:
-        return Errors(coverage)
-    return Errors(coverage, float(np.sqrt(np.mean(error**2))), float(np.mean(error)), float(np.median(error)),
-                  float(np.percentile(error, 95)), float(np.mean(error > OUTLIER_DEG)),
-                  float(np.mean(opposite)) if len(opposite) else math.nan)
-
-
-def _with_timing(errors: Errors, series: Series) -> Errors:
-    time, delay = series['time'], 1e3 * series['delay'][np.isfinite(series['delay'])]
-    rate = float((len(time) - 1) / max(np.ptp(time), 1e-9)) if len(time) > 1 else 0.0
-    if not delay.size:
-        return replace(errors, rate_hz=rate)
-    return replace(errors, rate_hz=rate, delay_median_ms=float(np.median(delay)), delay_p95_ms=float(np.percentile(delay, 95)))
+    error = np.abs(error_deg) if len(error_deg) else np.array([math.nan])
+    return {'rmse_deg': float(np.sqrt(np.mean(error**2))), 'mae_deg': float(np.mean(error)),
+            'median_deg': float(np.median(error)), 'p95_deg': float(np.percentile(error, 95)),
+            'outliers': float(np.mean(error > OUTLIER_DEG)) if len(error_deg) else math.nan,
+            'hemisphere_errors': float(np.mean(opposite)) if len(opposite) and len(error_deg) else math.nan}
 
 
 def instants(begin: float, end: float) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -14,7 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from av_evaluation.metrics.metrics import Errors, errors_of
+from av_evaluation.metrics.metrics import errors_of
 from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
@@ -140,14 +140,13 @@ def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float 
     """
     results = [(run, run.methods[method]) for run in runs if method in run.methods]
     if not results:
-        return {key: None for key in asdict(Errors()) if key in KEPT}
+        return dict.fromkeys(('coverage', *errors_of(np.zeros(0), np.zeros(0))))
     weights = np.array([max(run.span_s, 1e-9) for run, _ in results])
     coverage = np.array([result.coverage for _, result in results])
     known = np.isfinite(coverage)
     together = float(np.average(coverage[known], weights=weights[known])) if known.any() else math.nan
     opposite = np.concatenate([result.opposite for _, result in results])
-    errors = asdict(errors_of(errors_together(runs, method), opposite, together))
-    figures = {key: errors[key] for key in KEPT}
+    figures = {'coverage': together, **errors_of(errors_together(runs, method), opposite)}
     each = [rmse(result.error_deg) for _, result in results if result.error_deg.size]
     figures['worst_rmse_deg'] = max(each, default=math.nan)
     for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
@@ -159,4 +158,21 @@ def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float 
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}
 
 
-KEPT = ('coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors')
+def methods_of(runs: Sequence[RunResult]) -> list[str]:
+    """Methods of the runs in their order."""
+    return list(dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing)))
+
+
+def metrics_of(runs: Sequence[RunResult], methods: Sequence[str] | None = None) -> dict[str, dict[str, float | None]]:
+    """Figures of each method over all runs, the content of metrics.json.
+
+    Parameters:
+        runs: whose errors are pooled.
+        methods: to include; those of the runs where None.
+    """
+    return {method: figures_together(runs, method) for method in methods or methods_of(runs)}
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write content as JSON. Raises ValueError for nan, which standard JSON lacks."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n')

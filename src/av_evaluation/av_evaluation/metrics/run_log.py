@@ -81,8 +81,8 @@ class Series:
 class RunLog:
     """Truth, measurements and estimated bearing of a run. Times in s, positions in m, azimuths in rad in the body frame.
 
-    A delay is the time from capture to arrival, for sound from the end of its window. That of a bearing is from the capture of
-    its newest measurement.
+    A delay is the time from capture to arrival, for sound from the centre of its window. That of a bearing is from the capture
+    of its newest measurement.
 
     Attributes:
         target: true positions of the target in the world.

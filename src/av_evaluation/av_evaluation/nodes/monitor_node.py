@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 import time as wall
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,10 +23,10 @@ from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_common.track_messages import track_of_bearing
-from av_evaluation.metrics.metrics import summarise
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.report.text import LABEL_WIDTH, format_status, format_table
+from av_evaluation.report.text import format_status
+from av_evaluation.runs.evaluation import describe
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, TrackArray
 from av_pointing.controller import Mode
@@ -148,17 +146,11 @@ class MonitorNode(RigNode):
         if self._reported:
             return
         self._reported = True
-        log = self._recorder.log
-        summary = summarise(log)
-        print(f'\n{format_table(summary)}', flush=True)
-        if self._settings.out:
-            out = Path(self._settings.out)
+        log, out = self._recorder.log, Path(self._settings.out) if self._settings.out else None
+        print(f'\n{describe(log, out)}', flush=True)
+        if out is not None:
             log.save(out)
-            (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
-            from av_evaluation.report.charts import draw  # matplotlib takes a second to load: not at the start
-
-            draw(log, out / 'bearing.png')
-            print(f'{"plot":<{LABEL_WIDTH}}  {out / "bearing.png"}', flush=True)
+            print(f'chart: {out / "bearing.png"}', flush=True)
 
 
 def main() -> None:

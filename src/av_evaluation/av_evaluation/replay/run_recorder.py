@@ -39,7 +39,7 @@ class RunRecorder:
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
             self.log.sound.add(doa.time - self.left_out, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
-                               doa.confidence, arrival - doa.time - 0.5 * doa.window)
+                               doa.confidence, arrival - doa.time)
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""

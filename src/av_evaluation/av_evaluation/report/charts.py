@@ -4,64 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.track import State
 from av_evaluation.metrics.results import RunResult, errors_together
-from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.report.text import label
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
            'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
-LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
-          'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
-          'mvdr': 'MVDR'}
-
-
 OTHERS = ('#e377c2', '#17becf', '#bcbd22', '#393b79', '#637939')  # methods of other packages
 SHADES = {State.VISUAL_ACTIVE: ('#cfe8cf', 'sight leads'), State.ACOUSTIC_ACTIVE: ('#fbe3c0', 'sound leads'),
           State.COASTING: ('#e0e0e0', 'coasting')}
-
-
-def draw(log: RunLog, path: Path | BinaryIO, title: str = '') -> None:
-    """Plot a run: azimuths above, the error with its interval of 2 sigma below.
-
-    Parameters:
-        log: of the run.
-        path: file, or open binary file, to which the PNG is written.
-        title: of the plot.
-    """
-    figure = Figure(figsize=(12, 7), layout='constrained')
-    FigureCanvasAgg(figure)
-    bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [3, 1]})
-    starts = [series['time'].min() for series in (log.fused, log.sound, log.sight, log.target) if len(series)]
-    start = min(starts, default=0.0)
-    shade((bearing, error), log.fused['time'] - start, log.fused['state'])
-    for name in ('azimuth', 'mirrored'):
-        bearing.plot(log.sound['time'] - start, np.degrees(log.sound[name]), '.', color='#d98200', markersize=2, alpha=0.5,
-                     label='sound, both hypotheses' if name == 'azimuth' else None)
-    bearing.plot(log.sight['time'] - start, np.degrees(log.sight['azimuth']), '.', color='#1a7f37', markersize=4, label='sight')
-    time = log.fused['time']
-    bearing.plot(time - start, np.degrees(broken(log.fused['azimuth'])), color='#1f4fd8', linewidth=1.2, label='fused')
-    if log.has_truth:
-        truth = log.true_azimuth(time)
-        bearing.plot(time - start, np.degrees(broken(truth)), '--', color='black', linewidth=1.0, label='truth')
-        error.plot(time - start, np.degrees(wrap(log.fused['azimuth'] - truth)), color='#1f4fd8', linewidth=0.8)
-        sigma = 2.0 * np.degrees(log.fused['sigma'])
-        error.fill_between(time - start, -sigma, sigma, color='#1f4fd8', alpha=0.15, linewidth=0)
-    error.set(xlabel='time (s)', ylabel='error (deg)', ylim=(-15, 15))
-    bearing.set(ylabel="azimuth in the rig's frame (deg)", ylim=(-185, 185), yticks=range(-180, 181, 45), title=title)
-    bearing.grid(alpha=0.3)
-    error.grid(alpha=0.3)
-    bearing.legend(loc='upper right', ncol=4, markerscale=3)
-    figure.savefig(path, dpi=110, format='png')
 
 
 def shade(axes: Sequence[Axes], time: NDArray, state: NDArray) -> None:
@@ -96,13 +54,8 @@ def colour(method: str) -> str:
     return COLOURS.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
-def label(method: str) -> str:
-    """Name of a method in tables and figures."""
-    return LABELS.get(method, method)
-
-
 def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
-    """Azimuth in the body frame and error against time, over shades of the track's state.
+    """Azimuth in the body frame and error against time with 2 sigma of the track, over shades of the track's state.
 
     The axis of errors spans 98 % of them.
 
@@ -128,6 +81,8 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
         error.plot(result.error_time - start, result.error_deg, color=colour(method), **style)
         azimuths.append(values)
         errors.append(result.error_deg)
+    sigma = 2.0 * np.degrees(run.state['sigma'])
+    error.fill_between(run.state['time'] - start, -sigma, sigma, color=colour('fused'), alpha=0.12, linewidth=0)
     reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)
     limit = 1.1 * _reach(errors, (1, 2, 5, 10, 20, 45, 90, 180), 0.98)
     bearing.margins(x=0.01)

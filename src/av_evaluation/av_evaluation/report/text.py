@@ -1,15 +1,24 @@
-"""What the monitor prints: a line each second, and the table of figures at the end."""
+"""What programs print: the monitor's line of each second, and the table of figures of methods."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from av_common.track import State
-from av_evaluation.metrics.metrics import Errors, Summary
 from av_pointing.controller import Mode
 
+Figures = Mapping[str, float | None]
+COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0, '{:.2f}°'),
+           ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
+           ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
+TIMES = (('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
+         ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
+         ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
+LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
+          'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
+          'mvdr': 'MVDR'}
 MARKS = {State.NONE: 'no target', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
 
 MOST_TARGETS = 10  # whose ids are shown
@@ -61,29 +70,49 @@ def _sigma(bearing: Any) -> float:
     return math.degrees(math.sqrt(bearing.azimuth_variance)) if 0.0 <= bearing.azimuth_variance < math.inf else 99.9
 
 
-ROWS = (('coverage', 'coverage', '{:.1f} %', 100.0), ('RMSE', 'rmse_deg', '{:.2f} deg', 1.0),
-        ('mean error', 'mae_deg', '{:.2f} deg', 1.0), ('median error', 'median_deg', '{:.2f} deg', 1.0),
-        ('95th percentile', 'p95_deg', '{:.2f} deg', 1.0), ('errors > 20 deg', 'outliers', '{:.1f} %', 100.0),
-        ('hemisphere wrong', 'hemisphere_errors', '{:.1f} %', 100.0), ('rate', 'rate_hz', '{:.1f} Hz', 1.0),
-        ('delay, median', 'delay_median_ms', '{:.0f} ms', 1.0), ('delay, 95th perc.', 'delay_p95_ms', '{:.0f} ms', 1.0))
-LABEL_WIDTH = 24
+def label(method: str) -> str:
+    """Name of a method in tables and figures."""
+    return LABELS.get(method, method)
 
 
-def format_table(summary: Summary) -> str:
-    """One row for each figure, one column for each series, then the figures of the whole run."""
-    names = list(summary.senses)
-    lines = [f'{"":<{LABEL_WIDTH}}' + ''.join(f'{name:>14}' for name in names)]
-    lines += [f'{label:<{LABEL_WIDTH}}' + ''.join(f'{_cell(summary.senses[name], key, form, scale):>14}' for name in names)
-              for label, key, form, scale in ROWS]
-    lines.append(f'{"front/back resolved in":<{LABEL_WIDTH}}{_number(summary.time_to_resolve, "{:.1f} s"):>14}')
-    lines.append(f'{"switches":<{LABEL_WIDTH}}{summary.switches:>14}')
-    lines += [f'{key:<{LABEL_WIDTH}}  {value}' for key, value in summary.notes.items()]
-    return '\n'.join(lines)
+def cell(figures: Figures, key: str, scale: float, form: str) -> str:
+    """A figure as text, a dash where there is none.
+
+    Parameters:
+        figures: of a method.
+        key: of the figure.
+        scale: factor from the figure to the unit of the text.
+        form: format with the unit.
+    """
+    value = figures.get(key)
+    return form.format(scale * value) if value is not None else '–'
 
 
-def _cell(errors: Errors, key: str, form: str, scale: float) -> str:
-    return _number(scale * getattr(errors, key), form)
+def interval(figures: Figures) -> str:
+    """The confidence interval of the RMSE as text."""
+    low, high = figures.get('rmse_low_deg'), figures.get('rmse_high_deg')
+    return '–' if low is None or high is None else f'{low:.2f}–{high:.2f}°'
 
 
-def _number(value: float, form: str) -> str:
-    return form.format(value) if math.isfinite(value) else '-'
+def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the table of methods."""
+    head = ['method', *(name for _, name, _, _ in COLUMNS[:2]), '95 % interval', *(name for _, name, _, _ in COLUMNS[2:]),
+            *(name for _, name, _, _ in TIMES)]
+    rows = []
+    for method, figures in metrics.items():
+        first, later = ([cell(figures, key, scale, form) for key, _, scale, form in columns]
+                        for columns in (COLUMNS[:2], (*COLUMNS[2:], *TIMES)))
+        rows.append([label(method), *first, interval(figures), *later])
+    return head, rows
+
+
+def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as text with aligned columns.
+
+    Parameters:
+        head: cells of the header.
+        rows: cells of each row.
+    """
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    return '\n'.join('  '.join(text.ljust(width) if not column else text.rjust(width)
+                               for column, (text, width) in enumerate(zip(row, widths, strict=True))) for row in (head, *rows))

@@ -6,20 +6,18 @@ import math
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 from av_audio.localizer import LocalizerSettings
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
 from av_common.rig import load_rig
-from av_evaluation.experiments.methods import UnavailableError, bearings, estimators_of, is_folded, is_tracker, track
+from av_evaluation.experiments.methods import estimators_of
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
-from av_evaluation.metrics.metrics import compare, coverage_of, instants, summarise, switches, time_to_resolve
-from av_evaluation.metrics.results import MethodResult, RunResult
+from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.runs.cases import Case
+from av_evaluation.runs.evaluation import evaluate_run
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
@@ -44,62 +42,6 @@ def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     if case.input.startswith(ROOM):
         return room(int(case.input.removeprefix(ROOM)), Path(case.data), estimators_of(case.methods))
     return _replay(case) if case.is_bag else _simulate(case)
-
-
-def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...]) -> RunResult:
-    """Evaluate methods on one run.
-
-    Parameters:
-        name: of the run.
-        log: truth, measurements and bearings.
-        record: measurements for other methods.
-        methods: to evaluate.
-    """
-    acquired = summarise(log).acquired
-    ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
-    span = max(ends, default=0.0) - acquired if math.isfinite(acquired) else 0.0
-    result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
-    for method in methods:
-        try:
-            result.methods[method] = _evaluate(method, log, record, acquired, span)
-        except UnavailableError as error:
-            result.missing[method] = str(error)
-    if log.has_truth:
-        result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
-    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= 0.5]
-    heard = log.sound['time'][log.sound['confidence'] > 0.0]
-    if len(seen) and len(heard):
-        result.seen_s = float(max(seen.min() - heard.min(), 0.0))
-    visible = log.picture['visible'] > 0.0
-    if visible.any():
-        result.in_picture = float(np.mean(log.picture['inside'][visible]))
-    if log.tracks is not None:
-        result.tracks = log.tracks._asdict()
-    result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
-    return result
-
-
-def _evaluate(method: str, log: RunLog, record: MeasurementRecord, acquired: float, span: float) -> MethodResult:
-    time, azimuth = bearings(method, record, log)
-    compared = compare(time, azimuth, log, acquired)
-    grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
-    folded = is_folded(method)
-    opposite = np.zeros(0, bool) if folded else compared.opposite
-    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, coverage_of(grid, time))
-    if is_tracker(method) and not folded:
-        series = track(method, record, log)
-        result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
-        delay = series['delay'][series['state'] > 0]
-    elif is_tracker(method) and method != 'moving_average':
-        delay = np.zeros(0)
-    elif method == 'sight':
-        delay = log.sight['delay']
-    else:
-        window = next((doa.window for measurements in record.doa.values() for doa in measurements), 0.0)
-        delay = log.sound['delay'] + 0.5 * window
-    known = delay[np.isfinite(delay)]
-    result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
-    return result
 
 
 def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:

@@ -1,0 +1,90 @@
+"""From the log of a run to its figures: of every method, for all programs and the monitor."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
+from av_evaluation.metrics.metrics import acquired, compare, coverage_of, instants, switches, time_to_resolve
+from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.report.text import format_rows, rows_of
+from av_evaluation.runs.measurement_record import MeasurementRecord
+
+SENSES = ('fused', 'sound', 'sight')  # which need no record
+
+
+def describe(log: RunLog, folder: Path | None) -> str:
+    """The table of what a run published, without a filter; a folder also gets metrics.json and the chart bearing.png."""
+    result = evaluate_run('', log, MeasurementRecord(), SENSES, filtered=False)
+    metrics = metrics_of([result])
+    if folder is not None:
+        from av_evaluation.report.charts import bearing_chart  # matplotlib takes a second to load: not at a node's start
+
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / 'metrics.json', metrics)
+        bearing_chart(result).savefig(folder / 'bearing.png', dpi=110)
+    first, others = rows_of(metrics)
+    head, *rows = zip(first, *others, strict=True)  # a row for each figure fits into a terminal
+    return '\n'.join([format_rows(head, rows), *result.notes])
+
+
+def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...], filtered: bool = True
+                 ) -> RunResult:
+    """Evaluate methods on one run.
+
+    Parameters:
+        name: of the run.
+        log: truth, measurements and bearings.
+        record: measurements for other methods.
+        methods: to evaluate.
+        filtered: whether bearings pass the median filter of the publication's comparison.
+    """
+    begin = acquired(log)
+    ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
+    span = max(ends, default=0.0) - begin if math.isfinite(begin) else 0.0
+    result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
+    for method in methods:
+        try:
+            result.methods[method] = _evaluate(method, log, record, begin, span, filtered)
+        except UnavailableError as error:
+            result.missing[method] = str(error)
+    if log.has_truth:
+        result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
+    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= 0.5]
+    heard = log.sound['time'][log.sound['confidence'] > 0.0]
+    if len(seen) and len(heard):
+        result.seen_s = float(max(seen.min() - heard.min(), 0.0))
+    visible = log.picture['visible'] > 0.0
+    if visible.any():
+        result.in_picture = float(np.mean(log.picture['inside'][visible]))
+    if log.tracks is not None:
+        result.tracks = log.tracks._asdict()
+    result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
+    return result
+
+
+def _evaluate(method: str, log: RunLog, record: MeasurementRecord, begin: float, span: float, filtered: bool
+              ) -> MethodResult:
+    time, azimuth = bearings(method, record, log, filtered)
+    compared = compare(time, azimuth, log, begin)
+    grid = instants(begin, begin + span) if span > 0.0 else np.zeros(0)
+    folded = is_folded(method)
+    opposite = np.zeros(0, bool) if folded else compared.opposite
+    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, coverage_of(grid, time))
+    if is_tracker(method) and not folded:
+        series = track(method, record, log)
+        result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
+        delay = series['delay'][series['state'] > 0]
+    elif is_tracker(method) and method != 'moving_average':
+        delay = np.zeros(0)
+    elif method == 'sight':
+        delay = log.sight['delay']
+    else:
+        delay = log.sound['delay']
+    known = delay[np.isfinite(delay)]
+    result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
+    return result
