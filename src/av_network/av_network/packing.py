@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence, Set
+from collections.abc import Hashable, Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse.csgraph import connected_components
 
 Members = Sequence[Set[Hashable]]
 
@@ -24,10 +25,9 @@ def best_packing(scores: Sequence[float], members: Members) -> NDArray[np.bool_]
     """
     worthy = [index for index, score in enumerate(scores) if score > 0.0]
     chosen = np.zeros(len(scores), bool)
-    names = sorted({name for index in worthy for name in members[index]}, key=repr)
     if not worthy:
         return chosen
-    uses = np.array([[name in members[index] for index in worthy] for name in names], float)
+    uses = _uses([members[index] for index in worthy])
     if np.all(uses.sum(axis=1) <= 1.0):
         chosen[worthy] = True
         return chosen
@@ -61,18 +61,15 @@ def log_odds(scores: Sequence[float], members: Members) -> NDArray[np.float64]:
     return found
 
 
-def _groups(scores: Sequence[float], members: Members) -> Iterator[list[int]]:
+def _groups(scores: Sequence[float], members: Members) -> list[NDArray[np.intp]]:
     """Hypotheses with positive scores that share members, directly or by others."""
-    groups: list[tuple[list[int], set[Hashable]]] = []
-    for index, score in enumerate(scores):
-        if score <= 0.0:
-            continue
-        joined, names = [index], set(members[index])
-        apart = []
-        for group, used in groups:
-            if used & names:
-                joined, names = group + joined, names | used
-            else:
-                apart.append((group, used))
-        groups = [*apart, (joined, names)]
-    return (group for group, _ in groups)
+    worthy = np.flatnonzero(np.array(scores) > 0.0)
+    uses = _uses([members[index] for index in worthy])
+    count, labels = connected_components(uses.T @ uses)
+    return [worthy[labels == label] for label in range(count)]
+
+
+def _uses(members: Members) -> NDArray[np.float64]:
+    """Whether (m, n) each of m names is a member of each of n hypotheses."""
+    names = sorted(set().union(*members), key=repr)
+    return np.array([[name in each for each in members] for name in names], float).reshape(len(names), len(members))
