@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
 from av_common.quaternions import Quaternion, between, inverse, product, vector_of
 from av_common.stamps import to_seconds
+from av_common.timeline import Timeline
 
 KEEP_S = 5.0
 FEEDBACK_TIMEOUT_S = 0.5  # after the newest measured orientation arrived, from which the gimbal counts as silent
@@ -80,13 +80,13 @@ class GimbalHistory:
     """
 
     def __init__(self) -> None:
-        self._samples: list[GimbalSample] = []
+        self._samples: Timeline[GimbalSample] = Timeline(KEEP_S)
         self._arrival = self._feedback_arrival = -math.inf
 
     @property
     def newest(self) -> GimbalSample | None:
         """The newest orientation."""
-        return self._samples[-1] if self._samples else None
+        return self._samples.entries[-1][1] if self._samples.entries else None
 
     def has_feedback(self, now: float) -> bool:
         """Whether a measured orientation has arrived recently, at the time `now` (s)."""
@@ -108,7 +108,8 @@ class GimbalHistory:
         gimbal can make.
         """
         if arrival < self._arrival - RESTART_S:
-            self._samples, self._feedback_arrival = [], -math.inf
+            self._samples.clear()
+            self._feedback_arrival = -math.inf
         self._arrival = max(arrival, self._arrival) if arrival > self._arrival - RESTART_S else arrival
         if not -OLDEST_S <= sample.time - arrival <= FUTURE_S:
             raise ValueError(f'stamp {sample.time - arrival:+.2f} s from its arrival, expected {-OLDEST_S:g} to {FUTURE_S:g} s')
@@ -118,15 +119,13 @@ class GimbalHistory:
         else:
             self._check(sample)
             self._feedback_arrival = arrival
-            while self._samples and not self._samples[-1].measured and self._samples[-1].time >= sample.time:
-                self._samples.pop()  # modelled ahead
-        self._samples.append(sample)
-        if self._samples[0].time < sample.time - 2.0 * KEEP_S:  # trimmed rarely
-            del self._samples[:bisect.bisect_left(self._samples, sample.time - KEEP_S, key=lambda kept: kept.time)]
+            while (newest := self.newest) and not newest.measured and newest.time >= sample.time:
+                del self._samples.entries[-1]  # modelled ahead
+        self._samples.add(sample.time, sample)
         return True
 
     def _check(self, sample: GimbalSample) -> None:
-        before = next((kept for kept in reversed(self._samples) if kept.measured), None)
+        before = next((kept for _, kept in reversed(self._samples.entries) if kept.measured), None)
         if before is None:
             return
         elapsed = sample.time - before.time
@@ -138,16 +137,13 @@ class GimbalHistory:
 
     def at(self, time: float) -> GimbalSample | None:
         """The orientation at a time (s); None before the oldest that is kept. Raises NotYetKnownError after the newest."""
-        if not self._samples or time > self._samples[-1].time + NEAREST_S:
+        if self.newest is None or time > self.newest.time + NEAREST_S:
             raise NotYetKnownError(f'no orientation of the gimbal at {time:.3f} s yet')
-        after = bisect.bisect_left(self._samples, time, key=lambda kept: kept.time)
-        if after == len(self._samples):
-            return self._samples[-1]
-        right = self._samples[after]
-        if after == 0:
-            return right if time >= right.time - NEAREST_S else None
-        left = self._samples[after - 1]
-        share = (time - left.time) / (right.time - left.time)
+        if time < self._samples.oldest - NEAREST_S:
+            return None
+        left, right, share = self._samples.around(time)
+        if left is right:
+            return left
         path = PATH * _angle(left, right)
         nearness = 4.0 * share * (1.0 - share)  # 0 at either end, 1 in the middle
         return GimbalSample(time, between(left.attitude_wxyz, right.attitude_wxyz, share),
@@ -157,7 +153,7 @@ class GimbalHistory:
         """Variance (rad^2) about each axis at a time (s); that of the newest orientation after it, 0 without any."""
         if self.newest is None:
             return 0.0
-        sample = self.at(min(time, self.newest.time)) or self._samples[0]
+        sample = self.at(min(time, self.newest.time)) or self._samples.entries[0][1]
         return sample.variance
 
 

@@ -102,7 +102,7 @@ def test_measured_orientations_go_before_modelled_ones_until_they_stop():
     assert history.add(sample(10.10, 0.1, measured=False), 10.1)  # a gap
     assert history.has_feedback(10.1)
     assert history.add(sample(10.08, 0.1), 10.12)
-    assert [kept.time for kept in history._samples] == [9.98, 10.08]
+    assert [time for time, _ in history._samples.entries] == [9.98, 10.08]
     late = 10.13 + FEEDBACK_TIMEOUT_S
     assert history.add(sample(late, 0.9, measured=False), late)
     assert not history.newest.measured
@@ -137,7 +137,7 @@ def test_memory_is_bounded():
     history = GimbalHistory()
     for step in range(5000):
         history.add(sample(10.0 + 0.01 * step), 10.0 + 0.01 * step)
-    assert len(history._samples) <= 1001
+    assert len(history._samples.entries) <= 1001
 
 
 @pytest.mark.parametrize(('change', 'reason'), [

@@ -71,7 +71,7 @@ def test_memory_is_bounded():
     motion = RigMotion(keep_s=2.0)
     for k in range(20000):
         motion.add(Pose.level(0.01 * k, 0.0))
-    assert len(motion._times) <= 2 * 2.0 / 0.01 + 2
+    assert len(motion._poses.entries) <= 2 * 2.0 / 0.01 + 2
 
 
 @pytest.mark.parametrize('twist', [True, False])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +10,10 @@ from transforms3d.quaternions import quat2mat
 
 from av_common.camera import PinholeCamera
 from av_common.frames import checked_orientation
-from av_common.gimbal_history import NEAREST_S
 from av_common.quaternions import Quaternion, between
+from av_common.timeline import Timeline
 
-KEPT = 400       # attitudes, four seconds at 100 a second
+KEEP_S = 4.0     # how long attitudes are kept
 LATEST_S = 0.2   # how far an image may be from the newest attitude
 
 
@@ -51,7 +50,7 @@ class AttitudeHistory:
     """The rig's attitude over the last seconds."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[float, Quaternion]] = deque(maxlen=KEPT)
+        self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)
 
     def add(self, time: float, attitude_wxyz: Quaternion) -> None:
         """Add an attitude; one that is older than the newest begins the history anew.
@@ -63,21 +62,15 @@ class AttitudeHistory:
         Raises ValueError for a quaternion whose norm is not 1.
         """
         attitude = checked_orientation(attitude_wxyz, 'attitude')
-        if self._samples and time < self._samples[-1][0]:
-            self._samples.clear()
-        self._samples.append((time, attitude))
+        if time < self._attitudes.newest:
+            self._attitudes.clear()
+        self._attitudes.add(time, attitude)
 
     def at(self, time: float) -> NDArray[np.float64] | None:
         """Rotation (3, 3) from the body to the world at a time (s), interpolated; None where it is not known."""
-        later = None
-        for stamp, attitude in reversed(tuple(self._samples)):
-            if stamp <= time:
-                if later is None or later[0] - stamp < NEAREST_S / 10.0:
-                    return quat2mat(attitude) if time - stamp <= LATEST_S else None
-                share = (time - stamp) / (later[0] - stamp)
-                return quat2mat(between(attitude, later[1], share))
-            later = (stamp, attitude)
-        return quat2mat(later[1]) if later is not None and later[0] - time <= LATEST_S else None
+        if not self._attitudes.oldest - LATEST_S <= time <= self._attitudes.newest + LATEST_S:
+            return None
+        return quat2mat(between(*self._attitudes.around(time)))
 
 
 def pixel_of(vector: ArrayLike, rotation: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64] | None:

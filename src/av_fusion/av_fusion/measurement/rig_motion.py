@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from typing import NamedTuple
 
 from av_common.frames import is_orientation, yaw_of
 from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, product, quaternion_of, rotation, vector_of
+from av_common.timeline import Timeline
 from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, turned
 
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates
@@ -81,13 +81,13 @@ class RigMotion:
 
     def __init__(self, keep_s: float = 5.0) -> None:
         self._keep_s = keep_s
+        self._poses: Timeline[_Stored] = Timeline(keep_s)
         self.jumps = 0
         self.restart()
 
     def restart(self) -> None:
         """Forget all poses."""
-        self._times: list[float] = []
-        self._stored: list[_Stored] = []
+        self._poses.clear()
         self._last = Pose(-math.inf)
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
         self.is_frozen = False
@@ -100,27 +100,23 @@ class RigMotion:
         """
         if not pose.is_plausible:
             return None
-        if self._times and pose.time <= self._times[-1]:
-            if pose.time > self._times[-1] - self._keep_s:
+        if pose.time <= self.newest:
+            if pose.time > self.newest - self._keep_s:
                 return None
-            self._times, self._stored = [], []
+            self._poses.clear()
         norm = math.hypot(*pose.attitude)
         w, x, y, z = pose.attitude
         pose = pose._replace(attitude=(w / norm, x / norm, y / norm, z / norm))
         rows = rotation(pose.attitude)
         rate, velocity, path, jump = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO, None
-        if self._times:
-            dt = pose.time - self._times[-1]
+        if self._poses.entries:
+            dt = pose.time - self.newest
             velocity, mean = self._velocities(pose, velocity, dt)
             if dt <= LARGEST_GAP_S:
                 rate, jump = self._checked(pose, rate, dt)
-            path = combined(1.0, self._stored[-1].path, dt if dt <= KNOWN_S else 0.0, mean)
-        self._times.append(pose.time)
-        self._stored.append(_Stored(pose.attitude, rate, velocity, path))
+            path = combined(1.0, self._poses.entries[-1][1].path, dt if dt <= KNOWN_S else 0.0, mean)
+        self._poses.add(pose.time, _Stored(pose.attitude, rate, velocity, path))
         self._last = pose
-        if self._times[0] < pose.time - 2.0 * self._keep_s:  # trimmed rarely: cheap, and the history stays bounded
-            first = bisect.bisect_left(self._times, pose.time - self._keep_s)
-            del self._times[:first], self._stored[:first]
         return jump
 
     def _velocities(self, pose: Pose, velocity: Vector, dt: float) -> tuple[Vector, Vector]:
@@ -128,7 +124,8 @@ class RigMotion:
 
         Notices jumps of the position.
         """
-        last, mean = self._stored[-1].velocity, combined(0.5, velocity, 0.5, self._stored[-1].velocity)
+        last = self._poses.entries[-1][1].velocity
+        mean = combined(0.5, velocity, 0.5, last)
         if pose.position is None or self._last.position is None:
             return velocity, mean
         moved = combined(1.0 / dt, pose.position, -1.0 / dt, self._last.position)
@@ -152,7 +149,7 @@ class RigMotion:
 
         Returns the rate (rad/s), from attitudes where none is reported, and the rotation of the world by a jump or None.
         """
-        last = self._stored[-1]
+        last = self._poses.entries[-1][1]
         step = vector_of(product(pose.attitude, inverse(last.attitude)))
         reported = pose.rate != ZERO
         by_rates = combined(0.5 * dt, last.rate, 0.5 * dt, rate if reported else last.rate)
@@ -168,8 +165,8 @@ class RigMotion:
             return rate if reported else combined(1.0 / dt, step, 0.0, ZERO), None
         self._notice(pose.time, 'attitude')
         rows = rotation(change)
-        self._stored = [_Stored(product(change, s.attitude), turned(rows, s.rate), turned(rows, s.velocity),
-                                turned(rows, s.path)) for s in self._stored]
+        self._poses.change(lambda s: _Stored(product(change, s.attitude), turned(rows, s.rate), turned(rows, s.velocity),
+                                             turned(rows, s.path)))
         return rate, rows
 
     def _notice(self, time: float, what: str) -> None:
@@ -179,7 +176,7 @@ class RigMotion:
     @property
     def newest(self) -> float:
         """Time of the newest pose, -inf before the first."""
-        return self._times[-1] if self._times else -math.inf
+        return self._poses.newest
 
     @property
     def position(self) -> Vector | None:
@@ -192,7 +189,7 @@ class RigMotion:
 
     def problem(self, time: float) -> str:
         """What is wrong with the poses at `time` (s), empty without a problem."""
-        if self._times and time - self.newest > KNOWN_S:
+        if self._poses.entries and time - self.newest > KNOWN_S:
             return f'odometry stopped {time - self.newest:.1f} s ago: the rig counts as level, at its last heading'
         if self.is_frozen:
             return 'odometry is frozen: the attitude does not follow its own rates'
@@ -205,19 +202,15 @@ class RigMotion:
 
         It is interpolated, and for EXTRAPOLATE_S beyond the newest pose extrapolated. After KNOWN_S the rig returns to level.
         """
-        if not self._times:
+        if not self._poses.entries:
             return IDENTITY
-        ahead = time - self._times[-1]
+        first, second, share = self._poses.around(time)
+        ahead = time - self.newest
         if ahead < 0.0:
-            after = bisect.bisect_right(self._times, time)
-            if after == 0:
-                return rotation(self._stored[0].attitude)
-            first, second = self._stored[after - 1:after + 1]
-            start = self._times[after - 1]
-            return rotation(between(first.attitude, second.attitude, (time - start) / (self._times[after] - start)))
-        newest, ahead = self._stored[-1], min(ahead, EXTRAPOLATE_S)
-        attitude = product(quaternion_of(combined(ahead, newest.rate, 0.0, ZERO)), newest.attitude)
-        unknown = time - self._times[-1] - KNOWN_S
+            return rotation(between(first.attitude, second.attitude, share))
+        turn = combined(min(ahead, EXTRAPOLATE_S), second.rate, 0.0, ZERO)
+        attitude = product(quaternion_of(turn), second.attitude)
+        unknown = ahead - KNOWN_S
         if unknown > 0.0:
             half = 0.5 * yaw_of(attitude)
             level = (math.cos(half), 0.0, 0.0, math.sin(half))
@@ -240,27 +233,20 @@ class RigMotion:
         return ZERO if stored is None else stored.velocity
 
     def _before(self, time: float) -> _Stored | None:
-        if not self._times or time - self._times[-1] > KNOWN_S:
-            return None
-        return self._stored[max(bisect.bisect_right(self._times, time) - 1, 0)]
+        return None if time - self.newest > KNOWN_S else self._poses.around(time)[0]
 
     def moved(self, start: float, end: float) -> Vector:
         """Displacement (m) of the rig in the world from `start` to `end` (s)."""
-        if not self._times or start == end:
+        if not self._poses.entries or start == end:
             return ZERO
         return combined(1.0, self.path(end), -1.0, self.path(start))
 
     def path(self, time: float) -> Vector:
         """Displacement (m) of the rig in the world since the first pose, at `time` (s)."""
-        if not self._times:
+        if not self._poses.entries:
             return ZERO
-        ahead = time - self._times[-1]
+        first, second, share = self._poses.around(time)
+        ahead = time - self.newest
         if ahead >= 0.0:
-            newest = self._stored[-1]
-            return combined(1.0, newest.path, min(ahead, KNOWN_S), newest.velocity)
-        after = bisect.bisect_right(self._times, time)
-        if after == 0:
-            return self._stored[0].path
-        first, second = self._stored[after - 1:after + 1]
-        share = (time - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
+            return combined(1.0, second.path, min(ahead, KNOWN_S), second.velocity)
         return combined(1.0 - share, first.path, share, second.path)
