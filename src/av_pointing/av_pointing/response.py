@@ -6,7 +6,6 @@ Equations and sources: docs/reference/pointing.md.
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.stopping import COMMAND_LIFETIME_S, LONGEST_DEAD_TIME_S, LONGEST_LAG_S
+from av_common.timeline import Timeline
 
 GRID_S = 0.01              # step of the models' trajectories
 MEMORY = 500               # steps that are kept, 5 s
@@ -86,7 +86,7 @@ class BodyMotion:
         self._blend = np.zeros(LAGS.size)
         self._turns, self._rates = np.zeros((LAGS.size, MEMORY)), np.zeros(LAGS.size)
         self._step, self._command, self._commanded = 0, 0.0, -math.inf
-        self._yaws: deque[tuple[float, float]] = deque(maxlen=MEMORY)   # time, measured yaw without jumps by 2 pi
+        self._yaws: Timeline[float] = Timeline(MEMORY * GRID_S)  # measured yaw without jumps by 2 pi
         self._pair: tuple[float, float] | None = None
         self._estimate()
 
@@ -113,11 +113,12 @@ class BodyMotion:
 
     def measure(self, time: float, yaw: float) -> None:
         """Note a measured yaw (rad) of `time` (s), from which the answer is estimated, too. Times that go back are ignored."""
-        if not math.isfinite(yaw) or (self._yaws and time <= self._yaws[-1][0]):
+        if not math.isfinite(yaw) or time <= self._yaws.newest:
             return
-        if self._yaws:
-            yaw = self._yaws[-1][1] + float(wrap(yaw - self._yaws[-1][1]))
-        self._yaws.append((time, yaw))
+        if self._yaws.entries:
+            _, before = self._yaws.entries[-1]
+            yaw = before + float(wrap(yaw - before))
+        self._yaws.add(time, yaw)
         if self._pair is None or time - self._pair[0] > LONGEST_PAIR_S or not self._remembered(self._pair[0]):
             self._pair = (time, yaw)
         elif time - self._pair[0] >= PAIR_S:
@@ -126,19 +127,20 @@ class BodyMotion:
 
     def rate(self, time: float) -> float:
         """Measured yaw rate (rad/s) over the newest PAIR_S, 0 where it is unknown at `time` (s)."""
-        if len(self._yaws) < 2 or time - self._yaws[-1][0] > LONGEST_PAIR_S:
+        yaws = self._yaws.entries
+        if len(yaws) < 2 or time - self._yaws.newest > LONGEST_PAIR_S:
             return 0.0
-        newest, yaw = self._yaws[-1]
-        earlier = next((pair for pair in reversed(self._yaws) if pair[0] <= newest - PAIR_S), self._yaws[0])
+        newest, yaw = yaws[-1]
+        earlier = next((pair for pair in reversed(yaws) if pair[0] <= newest - PAIR_S), yaws[0])
         elapsed = newest - earlier[0]
         return (yaw - earlier[1]) / elapsed if 0.02 < elapsed < LONGEST_PAIR_S else 0.0
 
     def yaw(self, time: float) -> float:
         """Yaw (rad) at `time` (s): between measured ones, beyond them by the model, without any by the model alone."""
-        if self._yaws and time <= self._yaws[-1][0]:
-            times = [pair[0] for pair in self._yaws]
-            return float(np.interp(time, times, [pair[1] for pair in self._yaws]))
-        known, yaw = self._yaws[-1] if self._yaws else (-math.inf, 0.0)
+        if time <= self._yaws.newest:
+            before, after, share = self._yaws.around(time)
+            return before + share * (after - before)
+        known, yaw = self._yaws.entries[-1] if self._yaws.entries else (-math.inf, 0.0)
         dead_time = self.response.dead_time
         if not self._remembered(known):
             return yaw + self._modelled(time - dead_time)
