@@ -18,6 +18,7 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs the built workspace')
 
 from bridge_rig import PATIENCE, RIG  # noqa: E402
+from fake_rflysim import image_datagrams  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 from udp_ports import free_offset  # noqa: E402
 
@@ -75,9 +76,9 @@ def attack(ports, send):
         instant = 1.0 + 0.01 * number
         for port in (ports.image, ports.depth):
             for data in (huge, largest + bytes(3_000_000), scans):
-                send(port, encode_image(EncodedImage(instant, data, number)))
+                send(port, image_datagrams(data, instant, number))
             send(port, [fragment for count in range(40) for fragment in    # images that are never complete
-                        encode_image(EncodedImage(instant + 1e-4 * count, bytes(120_000), 1000 + count))[:1]])
+                        image_datagrams(bytes(120_000), instant + 1e-4 * count, 1000 + count)[:1]])
         for port in (ports.rig_truth, ports.target_truth):
             send(port, [encode_truth(to_truth(VehicleState(instant, np.array([1e300, 0.0, 0.0])), 1))])
         for port in vars(ports).values():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fake_rflysim import short_truth_datagram
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import GRAVITY, VehicleState, from_truth, to_imu, to_truth
@@ -48,7 +49,9 @@ def test_turn_rates_and_accelerations():
 def test_round_trip_through_the_wire(rng, short):
     attitude = Rotation.from_rotvec([0.1, -0.3, 2.0]).as_quat()[[3, 0, 1, 2]]
     state = VehicleState(12.5, *rng.normal(size=(3, 3)), attitude, rng.normal(size=3), np.arange(8.0))
-    back = from_truth(decode_truth(encode_truth(to_truth(state, 2), short)))
+    sent = to_truth(state, 2)
+    back = from_truth(decode_truth(short_truth_datagram(
+        2, sent.time, sent.position_ned, sent.velocity_ned, sent.euler_rad, sent.motor_rpm) if short else encode_truth(sent)))
     for name in ('position', 'velocity', 'rotation', 'rotor_rpm'):
         np.testing.assert_allclose(getattr(back, name), getattr(state, name), atol=1e-5, err_msg=name)
     if not short:

@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from fake_rflysim import short_truth_datagram
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.wire import WireError
@@ -23,6 +24,8 @@ TRUTH = VehicleTruth(
     quaternion_wxyz=Rotation.from_euler('ZYX', EULER[::-1]).as_quat()[[3, 0, 1, 2]],
     motor_rpm=np.arange(8) * 1000.0, acceleration_frd=np.array([0.1, 0.2, -9.8]), rate_frd=np.array([0.01, 0.02, 0.03]),
     gps=np.array([47.5, 8.25, 400.125]))
+SHORT_TRUTH = short_truth_datagram(2, TRUTH.time, TRUTH.position_ned, TRUTH.velocity_ned, EULER, TRUTH.motor_rpm,
+                                   (475_000_000, 82_500_000, 400_125))
 BOXES = [OracleBox(2, 0.75, 10.0, 20.0, 30.5, 40.5), OracleBox(3, 0.0, 0.0, 0.0, 1.0, 1.0)]
 
 
@@ -40,7 +43,7 @@ def test_long_truth_lies_at_the_documented_offsets():
 
 @pytest.mark.parametrize('short', [False, True])
 def test_truth_round_trip(short):
-    truth = decode_truth(encode_truth(TRUTH, short))
+    truth = decode_truth(SHORT_TRUTH if short else encode_truth(TRUTH))
     assert (truth.copter_id, truth.vehicle_type, truth.time) == (2, 3, TRUTH.time)
     for name in ('position_ned', 'velocity_ned', 'euler_rad', 'quaternion_wxyz', 'motor_rpm', 'gps'):
         np.testing.assert_allclose(getattr(truth, name), getattr(TRUTH, name), atol=1e-6, err_msg=name)
@@ -105,7 +108,7 @@ def test_rig_control_of_another_version_is_refused():
 
 
 CODECS = {
-    'truth': (decode_truth, encode_truth(TRUTH)), 'short truth': (decode_truth, encode_truth(TRUTH, short=True)),
+    'truth': (decode_truth, encode_truth(TRUTH)), 'short truth': (decode_truth, SHORT_TRUTH),
     'gimbal': (decode_gimbal, encode_gimbal(GimbalSample(1, 1.0, np.array([1.0, 0.0, 0.0, 0.0]), 1e-6))),
     'imu': (decode_imu, encode_imu(ImuSample(1, 1.0, np.zeros(3), np.zeros(3)))),
     'time sync': (decode_time_sync, encode_time_sync(TimeSync(1, 1, 2, 3))),

@@ -49,15 +49,10 @@ class EncodedImage:
 
 
 def encode_image(image: EncodedImage) -> list[bytes]:
-    """The datagrams of one image, with the new header if it has a frame id, else with the old one."""
+    """The datagrams of one image, with the old header."""
     pieces = [image.data[start:start + MOST_PAYLOAD] for start in range(0, len(image.data), MOST_PAYLOAD)]
-    return [_header(image, sequence, len(pieces), len(piece)) + piece for sequence, piece in enumerate(pieces)]
-
-
-def _header(image: EncodedImage, sequence: int, count: int, payload: int) -> bytes:
-    if image.frame_id is None:
-        return _OLD.pack(OLD_MAGIC, _OLD.size + payload, sequence, count, image.time)
-    return _NEW.pack(NEW_MAGIC, _NEW.size + payload, sequence, count, image.frame_id, 0, image.time)
+    return [_OLD.pack(OLD_MAGIC, _OLD.size + len(piece), sequence, len(pieces), image.time) + piece
+            for sequence, piece in enumerate(pieces)]
 
 
 def decode_fragment(datagram: bytes) -> Fragment:

@@ -62,20 +62,10 @@ class VehicleTruth:
     gps: np.ndarray | None = None
 
 
-def encode_truth(truth: VehicleTruth, short: bool = False) -> bytes:
-    """The datagram of a state.
-
-    Parameters:
-        truth: the state.
-        short: whether the short layout (112 bytes) is used instead of the long one (168 bytes).
-    """
-    gps = np.zeros(3) if truth.gps is None else np.asarray(truth.gps, float)
-    if short:
-        degrees_and_metres = np.round(gps * [1e7, 1e7, 1e3]).astype(int)
-        return _SHORT.pack(SHORT_MAGIC, truth.copter_id, truth.vehicle_type, *degrees_and_metres,
-                           *truth.motor_rpm, *truth.velocity_ned, *truth.euler_rad, *truth.position_ned, truth.time)
-    acceleration = np.zeros(3) if truth.acceleration_frd is None else truth.acceleration_frd
-    rate = np.zeros(3) if truth.rate_frd is None else truth.rate_frd
+def encode_truth(truth: VehicleTruth) -> bytes:
+    """The 168 bytes of a state in the long layout."""
+    acceleration, rate, gps = (np.zeros(3) if values is None else values
+                               for values in (truth.acceleration_frd, truth.rate_frd, truth.gps))
     return _LONG.pack(LONG_MAGIC, truth.copter_id, truth.vehicle_type, 0, *truth.velocity_ned, *truth.euler_rad,
                       *truth.quaternion_wxyz, *truth.motor_rpm, *acceleration, *rate, truth.time,
                       *truth.position_ned, *gps)
