@@ -21,7 +21,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_evaluation.hearing.free_field import PAIR
-from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox, with_own_noise
+from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox, towards, with_own_noise
 from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
@@ -177,9 +177,6 @@ def longest_take(azimuths: NDArray) -> tuple[int, int]:
 def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, responses: NDArray, rate: int) -> NDArray:
     """Sound (n, 2) of a source that moves along azimuths, at the two ears of a head.
 
-    For each frame the responses of the two neighbouring directions are interpolated linearly. That is accurate below 4 kHz,
-    where 5 degrees are a small part of a period.
-
     Parameters:
         recording (m,): sound of the source, repeated as needed.
         truth (rad, (frames,)): azimuths of the source at VIDEO_HZ.
@@ -190,13 +187,10 @@ def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, respon
     count = per_frame * len(truth)
     recording = np.resize(recording, count)
     at_frames = np.arange(len(truth)) * per_frame + per_frame / 2
-    grid = np.radians(5.0)
-    place = np.interp(np.arange(count), at_frames, np.unwrap(truth)) / grid
+    azimuth = np.interp(np.arange(count), at_frames, np.unwrap(truth))
     sound = np.zeros((count, 2), np.float32)
-    for index in range(math.floor(place.min()), math.floor(place.max()) + 2):
-        share = np.clip(1.0 - np.abs(place - index), 0.0, None)
-        nearest = np.argmin(np.abs(np.angle(np.exp(1j * (azimuths - index * grid)))))
-        sound += at_ears(share * recording, responses[nearest]).astype(np.float32)
+    for share, response in towards(azimuth, azimuths, responses):
+        sound += at_ears(share * recording, response).astype(np.float32)
     return 0.3 * sound / np.abs(sound).max()
 
 

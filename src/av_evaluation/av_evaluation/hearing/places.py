@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,12 @@ from scipy import signal
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
-from av_common.angles import angles_to_direction
+from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.hearing.signals import RATE, Source, add_noise
 
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
+GRID = math.radians(5.0)    # between measured directions of the ears
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
 T60_S = (0.2, 0.7)
 SPACING_M = (0.1, 0.2)
@@ -91,6 +93,21 @@ def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
 def at_ears(sound: NDArray, response: Sequence[NDArray] | NDArray) -> NDArray:
     """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,)."""
     return np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
+
+
+def towards(azimuth: NDArray, azimuths: NDArray, responses: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
+    """Shares (n,) and responses (2, taps) of the measured directions next to a source that moves: linear interpolation.
+
+    That is accurate below 4 kHz, where 5 degrees are a small part of a period.
+
+    Parameters:
+        azimuth (n,) (rad): of the source by sample.
+        azimuths (k,) (rad), responses (k, 2, taps): measured directions, GRID apart, and impulse responses.
+    """
+    place = np.unwrap(azimuth) / GRID
+    for index in range(math.floor(place.min()), math.floor(place.max()) + 2):
+        nearest = np.argmin(np.abs(wrap(azimuths - index * GRID)))
+        yield np.clip(1.0 - np.abs(place - index), 0.0, None), responses[nearest]
 
 
 def with_own_noise(sound: NDArray) -> NDArray:
@@ -173,6 +190,11 @@ def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, fl
 class Head:
     """Windows at the measured ears of KEMAR, calibrated at every other azimuth with white noise.
 
+    Attributes:
+        azimuths (k,) (rad), responses (k, 2, taps): measured directions and impulse responses.
+        rate (Hz): their sample rate.
+        array: the calibrated ears.
+
     Parameters:
         data: folder with the measured responses.
 
@@ -180,9 +202,9 @@ class Head:
     """
 
     def __init__(self, data: Path) -> None:
-        self._azimuths, self._responses, self.rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+        self.azimuths, self.responses, self.rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
         noise = 0.05 * np.random.default_rng(1).normal(size=self.rate)
-        self.array = calibrated_ears(self._azimuths, self._responses, self.rate, [noise])
+        self.array = calibrated_ears(self.azimuths, self.responses, self.rate, [noise])
 
     def field(self, sources: list[Source], reflections: bool) -> Field:
         """Windows of sound at the ears.
@@ -192,27 +214,27 @@ class Head:
             reflections: whether strong early reflections and reverberation are added.
         """
         def window(rng: Generator, seconds: float, snr_db: float) -> Window:
-            k = int(rng.integers(len(self._azimuths)))
-            response = self._reverberant(rng, k) if reflections else self._responses[k]
+            k = int(rng.integers(len(self.azimuths)))
+            response = self._reverberant(rng, k) if reflections else self.responses[k]
             dry = sources[rng.integers(len(sources))](rng, seconds + 0.4, np.zeros(1))[:, 0]
             common = np.gcd(self.rate, RATE)
             dry = signal.resample_poly(dry, self.rate // common, RATE // common)
             sound = add_noise(rng, at_ears(dry, response)[-round(seconds * self.rate):], snr_db)
-            return Window(sound, self.rate, self.array, float(np.sin(self._azimuths[k])))
+            return Window(sound, self.rate, self.array, float(np.sin(self.azimuths[k])))
 
         return window
 
     def _reverberant(self, rng: Generator, k: int) -> NDArray:
         """Responses (2, taps) of direction k with reflections from others, and a diffuse tail."""
-        taps = self._responses.shape[2]
+        taps = self.responses.shape[2]
         times = np.arange(round(0.3 * self.rate)) / self.rate
         response = np.zeros((2, len(times)))
-        response[:, :taps] = self._responses[k]
+        response[:, :taps] = self.responses[k]
         for _ in range(rng.integers(*REFLECTIONS)):
             start = round(rng.uniform(*REFLECTION_DELAY_S) * self.rate)
             gain = rng.uniform(*REFLECTION_GAIN)
-            response[:, start:start + taps] += gain * self._responses[rng.integers(len(self._azimuths))]
+            response[:, start:start + taps] += gain * self.responses[rng.integers(len(self.azimuths))]
         tail = rng.normal(size=response.shape) * 10.0 ** (-3.0 * times / rng.uniform(*TAIL_T60_S))
         tail[:, times < REFLECTION_DELAY_S[1]] = 0.0
-        energy = np.sum(self._responses[k] ** 2) / np.sum(tail**2)
+        energy = np.sum(self.responses[k] ** 2) / np.sum(tail**2)
         return response + rng.uniform(*TAIL_LEVEL) * np.sqrt(energy) * tail
