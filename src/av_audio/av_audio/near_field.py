@@ -91,7 +91,9 @@ class NearField:
         """
         total = np.maximum(uniform_filter1d(weights, self._alike), 1e-6)  # above what running sums round
         levels, paths = (values - uniform_filter1d(weights * values, self._alike) / total for values in (levels, paths))
-        information = max(float(np.sum(weights * paths**2)), TINY)
+        information = float(np.sum(weights * paths**2))
+        if information <= TINY:  # a dead channel, or a single direction in all bands
+            return 0.0, math.inf
         slope = float(np.sum(weights * paths * levels)) / information
         bands = np.sum(weights * paths * (levels - slope * paths), axis=0)
         scores = np.add.reduceat(bands, np.arange(0, self._bands, self._cluster))

@@ -7,9 +7,9 @@ from collections import deque
 
 # Time constant of the fit: long enough to average a jitter of milliseconds, short enough to follow drift.
 MEMORY_S = 60.0
-# Sample stamps move towards the fit by at most this much per block, so that they are regular from the first one on;
-# a deviation of more than FAR_S is corrected by this fraction of the time since the block before.
-SLEW_S = 2e-5
+# Slew (s/s) of sample stamps towards the fit, so that they are regular from the first block on, and for deviations of more
+# than FAR_S.
+SLEW = 2e-3
 FAR_S = 0.003
 FAST_SLEW = 0.02
 # Number of blocks whose times are kept, for blocks that the reader has not fetched yet.
@@ -33,7 +33,7 @@ class SampleClock:
     """Fits the times of samples to the times of arrival of their blocks.
 
     The model is a line through (sample, time) with exponential forgetting: its slope is the true sample rate, its scatter
-    the jitter. `time_of` follows that line with a bounded slew, so that times are evenly spaced.
+    the jitter. `time_of` is continuous and follows that line with a bounded slew, however far apart blocks arrive.
 
     Parameters:
         sample_rate (Hz): nominal sample rate.
@@ -46,8 +46,9 @@ class SampleClock:
     def __init__(self, sample_rate: int) -> None:
         self.sample_rate = sample_rate
         self.refused = self.restarts = 0
-        # (sample, time, drift) of the newest blocks; replaced as a whole, as reader and capture are different threads
-        self._anchors: tuple[tuple[float, float, float], ...] = ()
+        # (sample, time, drift, correction, its slew) of the newest blocks; replaced as a whole, as reader and capture are
+        # different threads
+        self._anchors: tuple[tuple[float, float, float, float, float], ...] = ()
         self._outliers: deque[tuple[float, float]] = deque(maxlen=1024)    # sample and error of blocks in succession
         self._first, self._base = 0.0, 0.0    # the sample and time at which the line began
         # weighted sums of 1, x, y, x x, x y: x in s before the newest sample, y the excess over nominal time
@@ -68,8 +69,10 @@ class SampleClock:
         anchors = self._anchors
         if not anchors:
             raise RuntimeError('the sample clock has no block yet')
-        first, time, drift = next((anchor for anchor in reversed(anchors) if anchor[0] <= sample), anchors[0])
-        return time + (sample - first) / self.sample_rate * (1.0 + drift)
+        first, time, drift, correction, slew = next((anchor for anchor in reversed(anchors) if anchor[0] <= sample), anchors[0])
+        elapsed = (sample - first) / self.sample_rate
+        most = slew * max(elapsed, 0.0)
+        return time + elapsed * (1.0 + drift) + max(-most, min(most, correction))
 
     def observe(self, sample: float, arrival: float) -> None:
         """Use the arrival of a block. Arrivals that contradict the others are counted in `refused`.
@@ -107,14 +110,13 @@ class SampleClock:
         nominal = self._base + (sample - self._first) / self.sample_rate
         excess, slope = self._fit(elapsed, time - nominal)
         correction = nominal + excess - predicted
-        most = max(SLEW_S, FAST_SLEW * elapsed if abs(correction) > FAR_S else 0.0)
-        drift = max(-MOST_DRIFT, min(MOST_DRIFT, slope))
-        anchor = (sample, predicted + max(-most, min(most, correction)), drift)
+        slew = FAST_SLEW if abs(correction) > FAR_S else SLEW
+        anchor = (sample, predicted, max(-MOST_DRIFT, min(MOST_DRIFT, slope)), correction, slew)
         self._anchors = (*self._anchors[1 - REMEMBERED_BLOCKS:], anchor)
 
     def _begin(self, sample: float, time: float) -> None:
         self._outliers.clear()
-        self._anchors = ((sample, time, 0.0),)
+        self._anchors = ((sample, time, 0.0, 0.0, SLEW),)
         self._first, self._base = sample, time
         self._sums = (1.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -20,6 +20,8 @@ REFLECTED = 0.1
 DIFFUSE = 1.0
 # Upper limit of the ratio of reflections to incoherent noise: with less incoherent power there is no reverberation.
 MAX_REFLECTED = 5.0
+# Power of bins below that of any converter, so that a dead channel is no division by zero.
+LEAST_POWER = 1e-18
 # The band-pass filter applies where the source exceeds the noise by less than this factor.
 WEAK = 1.3
 
@@ -121,7 +123,7 @@ def smooth_and_noise(cross: NDArray, power: NDArray, bin_hz: float) -> tuple[NDA
     """
     smooth, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), LINE_HZ / bin_hz)
     noise = _smooth(np.maximum(smooth - np.sqrt(real**2 + imaginary**2), MISMATCH * smooth), NOISE_HZ / bin_hz)
-    return smooth, np.maximum(noise, 1e-9 * power.mean(axis=-1, keepdims=True) + np.finfo(power.dtype).tiny)
+    return smooth, np.maximum(noise, 1e-9 * power.mean(axis=-1, keepdims=True) + LEAST_POWER)
 
 
 def _smooth(values: NDArray, bins: float) -> NDArray:

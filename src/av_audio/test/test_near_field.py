@@ -75,10 +75,12 @@ def test_two_targets_at_opposite_sides_are_afar():
     assert np.mean(own_of(PAIR, both) < 0.2) >= 0.9
 
 
-def test_a_dead_channel_and_notched_bins_give_numbers():
+@pytest.mark.parametrize('array', [PAIR, RING], ids=['pair', 'ring'])
+def test_a_dead_channel_and_notched_bins_give_numbers(array):
     rng = np.random.default_rng(8)
-    sound = window(rng, RING, 0.0)
-    sound[:, 2] = 0.0
-    localizer = Localizer(RING, RATE, LocalizerSettings(window_s=SECONDS, hop_s=SECONDS))
+    sound = window(rng, array, 0.0)
+    sound[:, 1] = 0.0
+    localizer = Localizer(array, RATE, LocalizerSettings(window_s=SECONDS, hop_s=SECONDS))
     localizer.blade_pass_hz = np.array([120.0, 131.0])
-    assert 0.0 <= localizer.process(sound, 0)[0].own <= 1.0
+    with np.errstate(all='raise', under='ignore'):
+        assert 0.0 <= localizer.process(sound, 0)[0].own <= 1.0

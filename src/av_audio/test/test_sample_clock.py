@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.sample_clock import SampleClock
+from av_audio.sample_clock import FAST_SLEW, SampleClock
 
 RATE, BLOCK = 48_000, 1600
 
@@ -99,3 +99,15 @@ def test_impossible_sample_numbers_are_refused(sample):
 def test_nothing_is_known_before_the_first_block():
     with pytest.raises(RuntimeError, match='no block'):
         SampleClock(RATE).time_of(0)
+
+
+def test_times_are_continuous_when_blocks_arrive_together():
+    clock, reader = SampleClock(RATE), BLOCK // 4
+    times: list[float] = []
+    for k in range(10, 600, 10):    # ten blocks at once, and the first of them 30 ms late
+        late = 0.03 if k == 10 else 0.0
+        clock.observe(k * BLOCK, 1.7e9 + k * BLOCK / RATE + late)
+        times += [clock.time_of(sample) for sample in range((k - 10) * BLOCK, k * BLOCK, reader)]
+    steps = np.abs(np.diff(times) - reader / RATE)
+    assert steps.max() < FAST_SLEW * reader / RATE + 1e-6
+    assert times[-1] == pytest.approx(1.7e9 + (599 - 9) * BLOCK / RATE - reader / RATE, abs=0.005)
