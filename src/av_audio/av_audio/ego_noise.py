@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
 
@@ -15,8 +16,13 @@ MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an e
 # Windows whose levels differ by less than this are of one throttle: the level of a rotor grows with the fifth to sixth power of
 # its speed, so that speeds then differ by some 5 %, as they do while hovering.
 THROTTLE_STEP_DB = 3.0
-# Of the mean power of a microphone, added to the diagonal: gains and positions are as recorded to about 3 %.
-UNKNOWN_SHARE = 1e-3
+# The bins of a band of this width are the snapshots of one covariance matrix: enough of them to average, close enough to
+# share phases.
+BAND_HZ = 40.0
+# Power of noise that microphones do not share, over that of the recording. The least of them: gains and positions are as
+# recorded to about 3 %.
+SHARES: NDArray = 10.0 ** np.arange(-3.0, 2.0)
+ALIKE_HZ = 250.0  # within this width that share is alike
 
 
 class NoiseRecording(NamedTuple):
@@ -66,15 +72,17 @@ class NoiseRecording(NamedTuple):
 
 
 class EgoNoise:
-    """Covariances of the ego-noise by band, one set for each throttle that was recorded.
+    """Covariances of noise by band: of the recording, for each throttle in it, with noise that microphones do not share.
 
-    Rotors are louder than a target, but at fixed places: with the Cholesky factor L of a band's covariance L L^H, the spectra
+    Rotors are louder than a target, but at fixed places: with a square root L of a band's covariance L L^H, the spectra
     L^-1 x are white in space but for what was not recorded, and a source with the steering vector a appears at L^-1 a. That is
     the generalised eigenvalue problem of both covariances (Roy and Kailath, 1989; for robots Nakamura et al., 2009, on a
-    quadrotor Okutani et al., 2012). The level in each band is left free: throttle changes it, directions remain.
+    quadrotor Okutani et al., 2012). The level in each band is left free: throttle changes it, directions remain. Wind and the
+    noise of capsules are in no recording: after whitening by it alone they would be coherent. Their share is that under
+    which the window is most likely.
 
     Parameters:
-        windows: spectra (b, m, n) of windows of the recording, n in each band.
+        windows: spectra (b, m, n) of windows of the recording, n in each band of BAND_HZ.
     """
 
     def __init__(self, windows: Iterable[NDArray]) -> None:
@@ -82,20 +90,27 @@ class EgoNoise:
         levels_db = 10.0 * np.log10(np.einsum('wbii->w', covariances).real + np.finfo(float).tiny)
         group = np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB)
         table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
-        microphones = table.shape[-1]
-        power = np.einsum('sbii->sb', table).real / microphones
-        table = table + (UNKNOWN_SHARE * power + np.finfo(np.float32).tiny)[..., None, None] * np.eye(microphones)
-        self.whiteners: NDArray = np.linalg.inv(np.linalg.cholesky(table))  # (s, b, m, m)
-        self._log_volumes = -2.0 * np.log(np.einsum('sbii->sbi', self.whiteners).real).sum(axis=2)  # log det R (s, b)
+        values, self.vectors = np.linalg.eigh(table)  # (s, b, m), (s, b, m, m)
+        power = np.maximum(values.mean(axis=-1), np.finfo(np.float32).tiny)
+        self._values = np.maximum(values, 0.0)[..., None] + power[..., None, None] * SHARES  # (s, b, m, l)
+        self._log_volumes = np.log(self._values).sum(axis=2)
 
-    def likeliest(self, covariances: NDArray) -> int:
-        """The throttle under which a window with covariances (b, m, m) is most likely, whatever the level in each band."""
-        if len(self.whiteners) == 1:
-            return 0
-        white = np.einsum('sbij,bjk,sbik->sb', self.whiteners, covariances, self.whiteners.conj()).real
-        microphones = covariances.shape[-1]
-        misfit = self._log_volumes + microphones * np.log(np.maximum(white, np.finfo(float).tiny))
-        return int(np.argmin(misfit.sum(axis=1)))
+    def likeliest(self, covariances: NDArray) -> tuple[int, NDArray]:
+        """The throttle and the gains (b, m) with which a window with covariances (b, m, m) is most likely, whatever its levels.
+
+        The window is white after `vectors` of the throttle, and then these gains, are applied.
+        """
+        shown = np.sum(self.vectors.conj() * (covariances @ self.vectors), axis=-2).real  # (s, b, m)
+        white = np.maximum(np.sum(shown[..., None] / self._values, axis=2), np.finfo(float).tiny)  # (s, b, l)
+        misfit = uniform_filter1d(self._log_volumes + shown.shape[-1] * np.log(white), round(ALIKE_HZ / BAND_HZ), axis=1)
+        throttle = int(np.argmin(misfit.min(axis=2).sum(axis=1)))
+        share = misfit[throttle].argmin(axis=1)[:, None, None]
+        return throttle, 1.0 / np.sqrt(np.take_along_axis(self._values[throttle], share, axis=2)[..., 0])
+
+    def whitener(self, covariances: NDArray) -> NDArray:
+        """Matrices (b, m, m) that whiten a window with covariances (b, m, m)."""
+        throttle, gains = self.likeliest(covariances)
+        return gains[..., None] * self.vectors[throttle].conj().swapaxes(-1, -2)
 
 
 def covariance(bands: NDArray) -> NDArray:

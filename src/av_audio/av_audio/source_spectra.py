@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import minimum_filter1d
 
-from av_audio.band_search import BAND_HZ
 from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, Segment, bin_frequencies
-from av_audio.ego_noise import EgoNoise, NoiseRecording, covariance
+from av_audio.ego_noise import BAND_HZ, EgoNoise, NoiseRecording, covariance
 from av_audio.ego_rotors import notch
 from av_common.microphone_array import MicrophoneArray
 
@@ -83,8 +82,7 @@ class SourceSpectra:
         spectra = np.stack(self._spectra)  # (t, m, k)
         steering = np.exp(1j * np.stack([self._lead @ q for q in directions]).astype(np.float32)[..., None] * self._omega)
         if self._ego_noise is not None:
-            throttle = self._ego_noise.likeliest(covariance(self._by_band(spectra)))
-            whitener = self._ego_noise.whiteners[throttle][self._bands].astype(np.complex64)  # (k, m, m)
+            whitener = self._ego_noise.whitener(covariance(self._by_band(spectra))).astype(np.complex64)[self._bands]
             spectra, steering = (np.einsum('kij,ajk->aik', whitener, part) for part in (spectra, steering))
         gain = np.sum(np.abs(steering) ** 2, axis=1)  # (s, k)
         total = np.sum(np.abs(spectra) ** 2, axis=1) / gain[:, None]  # (s, t, k)

@@ -92,7 +92,10 @@ def test_tones_and_pulses_stay_finite():
 
 
 def test_the_rigs_own_noise_is_not_taken_for_a_source_at_rest():
-    """It is louder than the target and stays where it is, while the target moves."""
+    """It is louder than the target and stays at -43 deg, while the target moves.
+
+    Whitened windows have no model of motion: the direction is that of most of the energy, 0.12 s before the centre.
+    """
     rng = np.random.default_rng(8)
     own = flat(rng, 4.0, np.array([0.0, -4e-4]))
     recording = NoiseRecording((0.1 * own / own.std()).astype(np.float32), RATE)
@@ -100,4 +103,4 @@ def test_the_rigs_own_noise_is_not_taken_for_a_source_at_rest():
         noise = flat(rng, 0.5, np.array([0.0, -4e-4]))
         sound = fading(PAIR, -20.0, 0.0, rate, seed=3) + 0.04 * noise / noise.std()
         estimate, = Localizer(PAIR, RATE, SETTINGS, recording).process(sound, 0)
-        assert np.degrees(estimate.azimuth[0]) == pytest.approx(-20.0, abs=4.0)
+        assert np.degrees(estimate.azimuth[0]) == pytest.approx(-20.0 - 0.12 * rate, abs=1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.ego_noise import UNKNOWN_SHARE, NoiseRecording
+from av_audio.ego_noise import SHARES, NoiseRecording
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
@@ -97,7 +97,7 @@ class Srp:
         if recording is not None:
             own = _covariance(self._spectra(recording.samples))
             power = np.einsum('kii->k', own).real / array.channels
-            values, vectors = np.linalg.eigh(own + (UNKNOWN_SHARE * power)[:, None, None] * np.eye(array.channels))
+            values, vectors = np.linalg.eigh(own + (SHARES[0] * power)[:, None, None] * np.eye(array.channels))
             self._whitener = (vectors / np.sqrt(values)[:, None, :]) @ vectors.conj().swapaxes(1, 2)
         lead = array.positions @ directions.T / C
         steering = self._whitener @ np.exp(2j * np.pi * frequencies[self._used, None, None] * lead)
