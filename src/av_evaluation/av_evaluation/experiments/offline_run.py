@@ -16,7 +16,6 @@ from av_common.angles import angles_to_direction
 from av_common.freshness import Instant
 from av_common.rig import Rig
 from av_common.stamps import to_seconds
-from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.tracks import TrackComparison
 from av_evaluation.runs.offline_rig import OfflineRig
@@ -25,6 +24,7 @@ from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
 from av_pointing.stage import PointingStage
 from av_sim_bridge.messages import oracle_detections_message
+from av_simulator.rendering.oracle import Oracle
 from av_simulator.rendering.view import View
 from av_simulator.run import times
 from av_simulator.scenario import Scenario

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from av_common.camera import PinholeCamera
+from av_simulator.rendering.oracle import Oracle
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import Drone, RenderedImage, TruthBox, View, appearance, oracle_box, rotor_hubs
+from av_simulator.rendering.view import Drone, RenderedImage, View, rotor_hubs
 
 # Colours are blue, green, red from 0 to 255.
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
@@ -50,6 +51,7 @@ class FlatRenderer:
         self._noise = np.clip(random.normal(128.0, noise, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
             .astype(np.uint8).repeat(3, axis=3)
         self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
+        self._oracle = Oracle(camera, self._solids)
         self._places = np.array([solid.centre for solid in self._solids]).reshape(-1, 3)
 
     def render(self, view: View) -> RenderedImage:
@@ -65,30 +67,11 @@ class FlatRenderer:
             else:
                 self._draw_solid(bgr, view, thing, _fogged(255.0 * np.array(thing.colour[::-1]), clear))
         bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
-        truth, boxes = [], []
-        for distance, drone in drones:
-            seen = appearance(self._camera, view, drone)
-            nearer = [solid for away, solid in solids if away < distance]
-            visible = 0.0 if seen is None else self._visible_share(view, drone, nearer)
-            truth.append(TruthBox(drone.target_id, seen.box if seen is not None and visible else None, visible,
-                                  view.atmosphere.transmission(view.position, drone.position), distance))
-            if seen is not None and visible and (box := oracle_box(seen, truth[-1])) is not None:
-                boxes.append(box)
-        return RenderedImage(bgr, boxes, truth)
+        looks = [self._oracle.look(view, drone) for drone in view.drones]
+        return RenderedImage(bgr, [box for _, box in looks if box is not None], [truth for truth, _ in looks])
 
     def close(self) -> None:
         """Do nothing: this renderer holds no resources."""
-
-    def _visible_share(self, view: View, drone: Drone, nearer: list[Solid]) -> float:
-        """Fraction of the drone's pixels that are not covered by nearer solids."""
-        if not nearer:
-            return 1.0
-        mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
-        self._draw_drone(mask, view, drone, (255.0,), (255.0,))
-        before = np.count_nonzero(mask)
-        for solid in nearer:
-            self._draw_solid(mask, view, solid, (0.0,))
-        return float(np.count_nonzero(mask) / before) if before else 1.0
 
     def _background(self, view: View) -> NDArray:
         upward = self._rays @ view.rotation[2].astype(np.float32)

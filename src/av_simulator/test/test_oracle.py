@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from av_evaluation.experiments.oracle import Solids
+from av_simulator.rendering.oracle import Solids
 from av_simulator.rendering.scenes import Solid
 
 EYE = np.array([0.0, 0.0, 1.0])

@@ -12,7 +12,7 @@ from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.camera_effects import contrast_left
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import Appearance, Drone, TruthBox, View, appearance, oracle_box, outline, rotor_hubs
+from av_simulator.rendering.view import Drone, TruthBox, View, appearance, oracle_box, outline, rotor_hubs
 
 
 class Oracle:
@@ -28,13 +28,7 @@ class Oracle:
 
     def boxes(self, view: View) -> list[OracleBox]:
         """Boxes of the visible drones in a view."""
-        found = []
-        for drone in view.drones:
-            seen = appearance(self._camera, view, drone)
-            box = None if seen is None else self._box(view, drone, seen)
-            if box is not None:
-                found.append(box)
-        return found
+        return [box for box in (self.look(view, drone)[1] for drone in view.drones) if box is not None]
 
     def picture(self, view: View) -> tuple[bool, bool]:
         """Whether the first drone could be seen by a camera that looks straight at it, and whether it is in the picture.
@@ -51,21 +45,26 @@ class Oracle:
         seen = appearance(self._camera, view, drone)
         return bool(self.boxes(there)), seen is not None and seen.in_view >= 0.5
 
-    def _box(self, view: View, drone: Drone, seen: Appearance) -> OracleBox | None:
+    def look(self, view: View, drone: Drone) -> tuple[TruthBox, OracleBox | None]:
+        """How a drone appears in a view, and its box where it has one; the visible fraction is that of points on the drone."""
+        distance = float(np.linalg.norm(drone.position - view.position))
+        transmission = view.atmosphere.transmission(view.position, drone.position)
+        unseen = TruthBox(drone.target_id, None, 0.0, transmission, distance)
+        seen = appearance(self._camera, view, drone)
+        if seen is None:
+            return unseen, None
         points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])
         points = np.concatenate([points, 0.5 * (points[1:] + drone.position)])
         hidden = self._solids.hide(view.position, points)
         if hidden.all():
-            return None
+            return unseen, None
         box = seen.box
         if hidden.any():
             pixels = self._camera.project(view.to_optical(points[~hidden]))
             low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
             box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        distance = float(np.linalg.norm(drone.position - view.position))
-        transmission = view.atmosphere.transmission(view.position, drone.position)
         truth = TruthBox(drone.target_id, box, 1.0 - float(hidden.mean()), transmission, distance)
-        return oracle_box(seen, truth, contrast_left(view))
+        return truth, oracle_box(seen, truth, contrast_left(view))
 
 
 class Solids:
