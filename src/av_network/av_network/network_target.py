@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from av_network.lasting_error import LastingError
 from av_network.lone_track import LoneTrack
-from av_network.observation import UNSTATED, Observation
+from av_network.observation import Observation
 
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
@@ -52,7 +52,6 @@ class NetworkTarget:
         id: counted up; 0 for a candidate.
         born (s): when it was confirmed.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
-        blurred (s): time of its newest observation by a rig whose heading was hardly known.
         members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
         refuted: whether an observation cannot stem from it.
@@ -67,7 +66,6 @@ class NetworkTarget:
     id: int = 0
     born: float = math.inf
     odds: float = 0.0
-    blurred: float = -math.inf
     members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
     refuted: bool = False
@@ -108,8 +106,6 @@ class NetworkTarget:
         gain += before.gain if before else 0.0
         self.members[one.rig] = Member(sighting.id, time, max(min(gain, MOST_GAIN), -MOST_GAIN), alone, error)
         self.measured = max(self.measured, time)
-        if one.known.heading_sigma**2 > UNSTATED:
-            self.blurred = time
         if any(member.last >= time - SUPPORT_S for other, member in self.members.items() if other != one.rig):
             self.supported = max(self.supported, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY

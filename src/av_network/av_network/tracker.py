@@ -216,8 +216,8 @@ class NetworkTracker:
         for k, (each, one) in enumerate(zip(targets, used, strict=True)):
             each.note(one, time, float(picked.squared[k]), float(gains[k]), alone[k][0], errors[k])
         self.filter.update(rows, picked)
-        sure = np.array([not one.sighting.by_sound and time - max(each.born, each.blurred) > MATURE_S
-                         and each.supported >= time for each, one in zip(targets, used, strict=True)], bool)
+        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and each.supported >= time
+                         for each, one in zip(targets, used, strict=True)], bool)
         if np.any(sure):
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
 
