@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from functools import partial
-from pathlib import Path
 from typing import Protocol
 
 from av_reports.cot.connection import CotAddress, check_address, connect, load_pytak
@@ -12,7 +10,6 @@ from av_reports.cot.stage import CotStage
 from av_reports.link import Link
 from av_reports.settings import CotSettings
 from av_reports.stage import Situation
-from av_reports.track_log import TrackLog
 
 
 class Output(Protocol):
@@ -69,45 +66,6 @@ class CotOutput:
     def close(self) -> None:
         """End the connection."""
         self._link.close()
-
-
-class LogOutput:
-    """Files of tracks, at most one line for each track and second.
-
-    Parameters:
-        folder: where they are written, named by the time of their beginning.
-        length (m): of the lines that stand for bearings.
-        largest: bytes that they may have.
-    """
-
-    def __init__(self, folder: Path, length: float, largest: float) -> None:
-        self._stem = folder / f'tracks_{datetime.now(timezone.utc):%Y%m%dT%H%M%S_%f}'
-        self._log = TrackLog(self._stem, length, largest)
-        self._newest: dict[int, float] = {}
-        self._problem = ''
-
-    def report(self, situation: Situation) -> None:
-        """Write the tracks that are due."""
-        due = [track for track in situation.tracks if track.time - self._newest.get(track.id, 0.0) >= 1.0]
-        self._newest = {track.id: self._newest.get(track.id, 0.0) for track in situation.tracks}
-        self._newest |= {track.id: track.time for track in due}
-        try:
-            self._log.write(due, situation.place)
-            self._problem = f'{self._stem}.csv has reached its size' if self._log.full else ''
-        except OSError as error:
-            self._problem = f'{self._stem}.csv: {error.strerror}'
-
-    def problem(self) -> str:
-        """Why nothing is written any more."""
-        return self._problem
-
-    def values(self) -> dict[str, object]:
-        """Where, and how many."""
-        return {'files': f'{self._stem}.*', 'written': self._log.written}
-
-    def close(self) -> None:
-        """Close the files."""
-        self._log.close()
 
 
 def link_values(link: Link) -> dict[str, object]:

@@ -13,10 +13,13 @@ from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
 from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
+from av_reports.settings import SENSOR_RANGE_M
+from av_reports.stage import Situation
 
 FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',
           'elevation_deg', 'elevation_sigma_deg', 'latitude', 'longitude', 'altitude_m', 'east_sigma_m', 'north_sigma_m',
           'up_sigma_m', 'east_m_s', 'north_m_s', 'up_m_s', 'measured')
+LARGEST = 500_000_000  # bytes
 Tracked = BearingTrack | PositionTrack
 
 
@@ -37,76 +40,89 @@ def properties(track: Tracked) -> dict[str, Any]:
     return {name: value for name, value in known.items() if value not in ('', None)}
 
 
-def feature(track: Tracked, place: Place | None, length: float) -> dict[str, Any]:
+def feature(track: Tracked, place: Place | None) -> dict[str, Any]:
     """A feature of GeoJSON: a point, or a line in the direction of a bearing; without geometry where that is not known.
+
+    The line is SENSOR_RANGE_M long, as the distance of the target is not known.
 
     Parameters:
         track: the target.
         place: where the rig stands that has the bearing; None while unknown.
-        length (m): of the line. The distance of the target is not known.
     """
     geometry: dict[str, Any] | None = None
     if isinstance(track, PositionTrack):
         geometry = {'type': 'Point', 'coordinates': _coordinates(track.latitude, track.longitude, track.altitude)}
     elif place is not None and track.north:
         elevation = track.elevation if math.isfinite(track.elevation) else 0.0
-        across = length * math.cos(elevation)
-        offset = (across * math.sin(track.azimuth), across * math.cos(track.azimuth), length * math.sin(elevation))
+        across = SENSOR_RANGE_M * math.cos(elevation)
+        offset = (across * math.sin(track.azimuth), across * math.cos(track.azimuth), SENSOR_RANGE_M * math.sin(elevation))
         end = enu_to_geodetic(offset, (place.latitude, place.longitude, place.altitude))
         geometry = {'type': 'LineString', 'coordinates': [_coordinates(*place[:3]), _coordinates(*end)]}
     return {'type': 'Feature', 'geometry': geometry, 'properties': properties(track)}
 
 
 class TrackLog:
-    """A table and a sequence of features, one line for each report of a track; the files grow while they are written.
+    """An `Output` to a table and a sequence of features, at most one line for each track and second.
 
-    `*.csv` has the columns FIELDS. `*.geojsonl` has a feature of GeoJSON in each line, as GDAL and QGIS read it.
+    `tracks_TIME.csv` has the columns FIELDS. `tracks_TIME.geojsonl` has a feature of GeoJSON in each line, as GDAL and QGIS
+    read it. The files grow while they are written.
 
     Attributes:
-        full: whether the size that was permitted is reached; nothing is written any more.
         written: number of lines in each.
 
     Parameters:
-        stem: path of both files without their ending; missing folders are created.
-        length (m): see `feature`.
+        folder: of both files; it is created where it is missing.
         largest: bytes that both files together may have.
 
     Raises OSError where they cannot be written.
     """
 
-    def __init__(self, stem: Path, length: float = 500.0, largest: float = math.inf) -> None:
-        self._length, self._largest = length, largest
-        self.full, self.written, self._size = False, 0, 0
-        stem.parent.mkdir(parents=True, exist_ok=True)
-        self._table = stem.with_name(f'{stem.name}.csv').open('x', encoding='utf-8', newline='')
-        self._features = stem.with_name(f'{stem.name}.geojsonl').open('x', encoding='utf-8')
+    def __init__(self, folder: Path, largest: float = LARGEST) -> None:
+        self._stem, self._largest = folder / f'tracks_{datetime.now(timezone.utc):%Y%m%dT%H%M%S_%f}', largest
+        self.written, self._size, self._problem = 0, 0, ''
+        self._newest: dict[int, float] = {}
+        folder.mkdir(parents=True, exist_ok=True)
+        self._table = self._stem.with_name(f'{self._stem.name}.csv').open('x', encoding='utf-8', newline='')
+        self._features = self._stem.with_name(f'{self._stem.name}.geojsonl').open('x', encoding='utf-8')
         self._table.write(_row(FIELDS))
 
-    def write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
-        """Write tracks. Raises OSError where that fails.
+    def report(self, situation: Situation) -> None:
+        """Write the tracks that are due."""
+        due = [track for track in situation.tracks if track.time - self._newest.get(track.id, 0.0) >= 1.0]
+        self._newest = {track.id: self._newest.get(track.id, 0.0) for track in situation.tracks}
+        self._newest |= {track.id: track.time for track in due}
+        try:
+            self._write(due, situation.place)
+            self._problem = f'{self._stem}.csv has reached its size' if self._size > self._largest else ''
+        except OSError as error:
+            self._problem = f'{self._stem}.csv: {error.strerror}'
 
-        Parameters:
-            tracks: the targets.
-            place: where the rig stands; None while unknown.
-        """
+    def problem(self) -> str:
+        """Why nothing is written any more."""
+        return self._problem
+
+    def values(self) -> dict[str, object]:
+        """Where, and how many."""
+        return {'files': f'{self._stem}.*', 'written': self.written}
+
+    def close(self) -> None:
+        """Close both files."""
+        self._table.close()
+        self._features.close()
+
+    def _write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
         for track in tracks:
-            found = feature(track, place, self._length)
+            found = feature(track, place)
             row = _row([found['properties'].get(name, '') for name in FIELDS])
             line = json.dumps(found, separators=(',', ':'), allow_nan=False) + '\n'
             self._size += len(row) + len(line)
-            self.full = self.full or self._size > self._largest
-            if self.full:
+            if self._size > self._largest:
                 return
             self._table.write(row)
             self._features.write(line)
             self.written += 1
         self._table.flush()
         self._features.flush()
-
-    def close(self) -> None:
-        """Close both files."""
-        self._table.close()
-        self._features.close()
 
 
 def _row(values: Iterable[Any]) -> str:

@@ -12,9 +12,19 @@ from hypothesis import strategies as st
 from report_tracks import NOW, bearing, position
 
 from av_reports.contacts import Place
+from av_reports.stage import Situation
 from av_reports.track_log import FIELDS, TrackLog, feature
 
 PLACE = Place(51.5, -0.12, 30.0)
+
+
+def seen(*tracks, place=PLACE):
+    return Situation(tracks, place, True, (), False, NOW)
+
+
+def files(folder):
+    """The table and the features of a log."""
+    return next(folder.glob('*.csv')), next(folder.glob('*.geojsonl'))
 
 
 def haversine(first, second):
@@ -24,22 +34,24 @@ def haversine(first, second):
 
 
 def test_a_position_is_a_point_and_a_bearing_a_line_of_its_length_and_direction():
-    assert feature(position(), None, 500.0)['geometry'] == {'type': 'Point', 'coordinates': [-0.12, 51.5, 80.0]}
-    start, end = feature(bearing(elevation=math.nan), PLACE, 500.0)['geometry']['coordinates']
+    assert feature(position(), None)['geometry'] == {'type': 'Point', 'coordinates': [-0.12, 51.5, 80.0]}
+    start, end = feature(bearing(elevation=math.nan), PLACE)['geometry']['coordinates']
     assert start == [-0.12, 51.5, 30.0] and haversine(start, end) == pytest.approx(500.0, rel=5e-3)
     east, north = haversine(start, [end[0], start[1]]), haversine(start, [start[0], end[1]])
     assert end[0] < start[0] and math.degrees(math.atan2(-east, north)) % 360.0 == pytest.approx(300.0, abs=0.3)
-    assert feature(bearing(), None, 500.0)['geometry'] is None and feature(bearing(north=False), PLACE, 1.0)['geometry'] is None
+    assert feature(bearing(), None)['geometry'] is None and feature(bearing(north=False), PLACE)['geometry'] is None
 
 
 def test_table_and_features_say_the_same(tmp_path):
-    log = TrackLog(tmp_path / 'new' / 'tracks')
-    log.write([bearing(3), position(5)], PLACE)
-    log.write([bearing(3, elevation=math.nan, drone_probability=math.nan, measured=0.0)], None)
+    log = TrackLog(tmp_path / 'new')
+    log.report(seen(bearing(3), position(5)))
+    log.report(seen(bearing(3, time=NOW + 0.5)))  # within a second
+    log.report(seen(bearing(3, elevation=math.nan, drone_probability=math.nan, measured=0.0, time=NOW + 2.0), place=None))
     log.close()
-    with (tmp_path / 'new' / 'tracks.csv').open(newline='') as file:
+    table, lines = files(tmp_path / 'new')
+    with table.open(newline='') as file:
         rows = list(csv.DictReader(file))
-    features = [json.loads(line) for line in (tmp_path / 'new' / 'tracks.geojsonl').read_text().splitlines()]
+    features = [json.loads(line) for line in lines.read_text().splitlines()]
     assert len(rows) == len(features) == log.written == 3 and tuple(rows[0]) == FIELDS
     for row, one in zip(rows, features, strict=True):
         known = {name: text for name, text in row.items() if text}
@@ -49,22 +61,22 @@ def test_table_and_features_say_the_same(tmp_path):
 
 
 def test_files_of_others_are_not_overwritten_and_their_size_is_limited(tmp_path):
-    log = TrackLog(tmp_path / 'tracks', largest=10_000)
-    for _ in range(1000):
-        log.write([bearing(3)], PLACE)
+    log = TrackLog(tmp_path, largest=10_000)
+    for number in range(1000):
+        log.report(seen(bearing(3, time=NOW + 2.0 * number)))
     log.close()
-    size = sum(file.stat().st_size for file in tmp_path.iterdir())
-    assert log.full and size <= 10_000 + 1000 and log.written < 100
-    with pytest.raises(FileExistsError):
-        TrackLog(tmp_path / 'tracks')
+    assert 'reached its size' in log.problem() and log.written < 100
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 10_000 + 1000
+    TrackLog(tmp_path).close()
+    assert len(list(tmp_path.glob('tracks_*.csv'))) == 2
 
 
 @given(st.text(max_size=30))
 def test_any_name_of_a_class_stays_within_its_field(tmp_path_factory, name):
     folder = tmp_path_factory.mktemp('log')
-    log = TrackLog(folder / 'tracks')
-    log.write([bearing(3, class_id=name, time=NOW)], None)
+    log = TrackLog(folder)
+    log.report(seen(bearing(3, class_id=name, time=NOW), place=None))
     log.close()
-    with (folder / 'tracks.csv').open(newline='', encoding='utf-8') as file:
+    with files(folder)[0].open(newline='', encoding='utf-8') as file:
         row, = csv.DictReader(file)
     assert row['class_id'] == name and row['id'] == '3'

@@ -19,12 +19,12 @@ from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
 from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
-from av_reports.outputs import CotOutput, LogOutput, Output
-from av_reports.settings import SENSOR_RANGE_M, check_settings, cot_address, cot_settings, report_settings, sapient_settings
+from av_reports.outputs import CotOutput, Output
+from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
 from av_reports.stage import ReportStage
+from av_reports.track_log import TrackLog
 
 RATE_HZ = 5.0  # at which is looked for what is due, and messages are answered
-LARGEST_LOG = 500_000_000  # bytes of tables and features together
 
 
 class ReportNode(RigNode):
@@ -79,7 +79,7 @@ class ReportNode(RigNode):
         if settings.cot.url:
             self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
         if settings.log.folder:
-            self._outputs['log'] = LogOutput(Path(settings.log.folder).expanduser(), SENSOR_RANGE_M, LARGEST_LOG)
+            self._outputs['log'] = TrackLog(Path(settings.log.folder).expanduser())
 
     def _on_targets(self, message: TrackArray) -> None:
         self._stage.on_targets(message, self._instant(), self._to_utc())
