@@ -159,6 +159,19 @@ def test_a_thermal_camera_sees_the_drone_by_night(palette):
     assert columns > 0.1 * noise  # white noise alone would leave 0.03 of it
 
 
+def test_pixels_average_the_heat_of_parts_smaller_than_they_are():
+    """A far drone's heat does not depend on where between the pixels its motors are."""
+    made = renderer(palette='raw', scene=SCENES['field']())
+    heat = []
+    for shift in np.arange(0.0, 0.08, 0.01):  # m, a fifth of a pixel
+        drone = dataclasses.replace(DRONE, position=EYE + np.array([30.0, shift, 6.0]))
+        thermal = made.render(view(drones=[drone])).thermal
+        warmer = (thermal - np.median(thermal, axis=1, keepdims=True))[136:161, 296:341]
+        heat.append(warmer[warmer > 1.0].sum())
+    made.close()
+    assert np.std(heat) < 0.1 * np.mean(heat), heat  # of one sample a pixel: 0.24
+
+
 def test_heat_comes_through_fog_that_hides_light():
     """The oracle's score of a drone in fog is higher before a thermal camera, and the same picture comes again."""
     foggy = view(atmosphere=Atmosphere(0.35))

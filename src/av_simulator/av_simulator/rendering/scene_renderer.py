@@ -48,6 +48,7 @@ HORIZON = 1000.0                # m, depth beyond which a pixel belongs to the s
 Window = tuple[slice, slice]    # rows and columns of an image
 _ALL = (slice(None), slice(None))
 SKY_DISTANCE = 3000.0                                     # m, length of the path through fog to the sky
+SAMPLES = 4    # per pixel along rows and along columns, of the temperatures of drones
 
 
 class SceneRenderer:
@@ -115,8 +116,9 @@ class SceneRenderer:
         bgr = self._lens.bend(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         optical_depth = self._optical_depth(view, depth)
         identities = self._identities(_ALL) if self._everything or self._thermal_camera else None
-        thermal = None if identities is None else self._temperatures(view, bgr, depth, identities, optical_depth)
+        thermal = None if identities is None else self._temperatures(view, bgr, identities, depth)
         if self._thermal_camera and thermal is not None:
+            self._refine(thermal, view, bgr)
             image = self._thermal_camera.picture(thermal, view)
         else:
             image = self._effects.apply(_veiled(bgr, optical_depth), view)
@@ -149,7 +151,7 @@ class SceneRenderer:
         self._mujoco.mj_camlight(model, data)
 
     def _draw(self, crop: Crop, zbuffer: NDArray | None = None, groups: NDArray | None = None,
-              identities: bool = False) -> NDArray:
+              identities: bool = False, times: int = 1) -> NDArray:
         """A part of the rendered image, top row first.
 
         Parameters:
@@ -157,6 +159,7 @@ class SceneRenderer:
             zbuffer ((height, width), float32): array for the depth buffer, bottom row first; None for none.
             groups: 1 for each of the six groups of geoms that is drawn, else 0; None for all.
             identities: whether the colours are the numbers of the geoms.
+            times: samples per pixel along rows and along columns.
         """
         mujoco = self._mujoco
         self._options.geomgroup[:] = self._all_groups if groups is None else groups
@@ -166,9 +169,9 @@ class SceneRenderer:
                                self._scene)
         for eye in self._scene.camera:
             self._narrow(eye, crop)
-        viewport = mujoco.MjrRect(0, 0, crop.width, crop.height)
+        viewport = mujoco.MjrRect(0, 0, times * crop.width, times * crop.height)
         mujoco.mjr_render(viewport, self._scene, self._target)
-        rgb = np.empty((crop.height, crop.width, 3), np.uint8)
+        rgb = np.empty((viewport.height, viewport.width, 3), np.uint8)
         mujoco.mjr_readPixels(rgb, zbuffer, viewport, self._target)
         return rgb[::-1]
 
@@ -183,8 +186,11 @@ class SceneRenderer:
     def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
         """Number of the geom at each pixel of a window of the image, -1 for the sky."""
         places, crop = self._lens.places(window)
-        rgb = self._draw(crop, groups=groups, identities=True)
-        red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
+        return self._geoms(self._draw(crop, groups=groups, identities=True)[places[..., 1], places[..., 0]])
+
+    def _geoms(self, rgb: NDArray) -> NDArray:
+        """Numbers (...) of the geoms that colours (..., 3) stand for, -1 for the sky."""
+        red, green, blue = np.moveaxis(rgb.astype(np.int32), -1, 0)
         value = red + (green << 8) + (blue << 16)
         order = np.full(self._scene.ngeom + 1, -1, np.int32)
         for geom in self._scene.geoms[:self._scene.ngeom]:
@@ -239,18 +245,43 @@ class SceneRenderer:
         depth[depth > HORIZON] = np.inf    # MuJoCo renders the sky as a distant box
         return depth
 
-    def _optical_depth(self, view: View, depth: NDArray) -> NDArray:
-        """Optical depth of the air between the camera and the object at each pixel."""
-        distance = np.where(np.isfinite(depth), depth * self._lens.stretch, np.float32(SKY_DISTANCE))
+    def _optical_depth(self, view: View, depth: NDArray, window: Window = _ALL) -> NDArray:
+        """Optical depth of the air between the camera and the object at each pixel of a window, or at samples (h, w, k)."""
+        stretch, rays = self._lens.stretch[window], self._lens.rays_of(window)
+        if depth.ndim > 2:
+            stretch, rays = stretch[..., np.newaxis], np.repeat(rays, depth.shape[2], axis=1)
+        distance = np.where(np.isfinite(depth), depth * stretch, np.float32(SKY_DISTANCE))
         if view.atmosphere.even:
             return distance * np.float32(view.atmosphere.fog + view.atmosphere.rain_extinction)
-        rays = cv2.transform(self._lens.rays[:, np.newaxis], view.rotation.astype(np.float32))[:, 0]
+        rays = rays.reshape(-1, 3) @ view.rotation.astype(np.float32).T
         return view.atmosphere.optical_depth(view.position.astype(np.float32), rays, distance.ravel()).reshape(depth.shape)
 
-    def _temperatures(self, view: View, bgr: NDArray, depth: NDArray, identities: NDArray, optical_depth: NDArray) -> NDArray:
-        upward = (self._lens.rays @ view.rotation[2].astype(np.float32)).reshape(depth.shape)
-        texture = TEXTURE_K * (cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY) / 255.0 - 0.5)
+    def _temperatures(self, view: View, bgr: NDArray, identities: NDArray, depth: NDArray, window: Window = _ALL) -> NDArray:
+        """Apparent temperatures (deg C) of a window of the image, or of samples (h, w, k) of its pixels."""
+        optical_depth = self._optical_depth(view, depth, window)
+        samples = (..., *(np.newaxis,) * (depth.ndim - 2))
+        upward = (self._lens.rays_of(window) @ view.rotation[2].astype(np.float32))[samples]
+        texture = TEXTURE_K * (cv2.cvtColor(bgr[window], cv2.COLOR_BGR2GRAY) / 255.0 - 0.5)[samples]
         return apparent_temperature(self._warmth[identities] + texture, ~np.isfinite(depth), upward, optical_depth, self._air_c)
+
+    def _refine(self, thermal: NDArray, view: View, bgr: NDArray) -> None:
+        """Average temperatures over the pixels of the drones, whose arms and motors are smaller than a pixel, in place."""
+        for drone in view.drones:
+            where = appearance(self._camera, view, drone)
+            if where is None:
+                continue
+            window = where.window(margin=2)
+            places, crop = self._lens.places(window)
+            times = min(SAMPLES, self._lens.size[0] // crop.width, self._lens.size[1] // crop.height)
+            if times < 2:
+                continue
+            zbuffer = np.empty((times * crop.height, times * crop.width), np.float32)
+            rgb = self._draw(crop, zbuffer, identities=True, times=times)
+            chosen = (places[..., 1], slice(None), places[..., 0])
+            shape = (crop.height, times, crop.width, times)
+            identities = self._geoms(rgb).reshape(shape)[chosen].reshape(*places.shape[:2], -1)
+            depth = self._to_metres(zbuffer[::-1]).reshape(shape)[chosen].reshape(*places.shape[:2], -1)
+            thermal[window] = self._temperatures(view, bgr, identities, depth, window).mean(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -281,6 +312,10 @@ class _Lens:
         places = (plane * focal + centre).astype(np.float32)
         self._map = cv2.convertMaps(places[:, 0].reshape(shape), places[:, 1].reshape(shape), cv2.CV_16SC2)
         self._nearest = (np.rint(places).astype(np.int16).reshape(*shape, 2), None)
+
+    def rays_of(self, window: Window) -> NDArray:
+        """Unit vectors (h, w, 3) in the optical frame of the pixels of a window."""
+        return self.rays.reshape(*self.stretch.shape, 3)[window]
 
     @property
     def whole(self) -> Crop:
