@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tight import tightened
 
 WIDTH, HEIGHT = 640, 512
+INFRARED_SIZE = (320, 256)  # width, height
 CLASSES = ('drone', 'bird', 'airplane', 'helicopter')
 # Places and days that no training clip shows (drones over the ploughed field with poplars and over the dark wood;
 # the birds in the red tree; airplanes at the fence; the late helicopter clips).

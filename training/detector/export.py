@@ -91,14 +91,19 @@ def write(model: Decoded, path: Path, metadata: dict[str, str]) -> None:
     onnx.save(graph, str(path))
 
 
-def fit(logits: NDArray, hits: NDArray) -> tuple[NDArray, float]:
+def fit(logits: NDArray, hits: NDArray, counts: NDArray | float = 1.0) -> tuple[NDArray, float]:
     """Weights (k,) and shift that make sigmoid(logits (n, k) @ weights + shift) the probability of being a hit.
 
     The first logit speaks for a drone, the others never do.
+
+    Parameters:
+        logits (n, k): of candidates.
+        hits (n,): which of them are drones.
+        counts (n,): what each candidate counts.
     """
     def unlikelihood(x: NDArray) -> float:
         z = logits @ x[:-1] + x[-1]
-        return float(np.sum(np.logaddexp(0.0, z) - hits * z)) + 0.1 * float(x[:-1] @ x[:-1])
+        return float(np.sum(counts * (np.logaddexp(0.0, z) - hits * z))) + 0.1 * float(x[:-1] @ x[:-1])
 
     bounds = [(0.01, None)] + [(None, 0.0)] * (logits.shape[1] - 1) + [(None, None)]
     found = minimize(unlikelihood, np.r_[1.0, np.zeros(logits.shape[1])], bounds=bounds, method='L-BFGS-B').x

@@ -14,16 +14,18 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from album import cut
-from clips import CLASSES, read_boxes, scaled, split_of
+from clips import CLASSES, INFRARED_SIZE, read_boxes, scaled, split_of
 from numpy.typing import NDArray
 from painted import Rng, log_uniform, noise
 from samples import Sample, visible
+from simulated import build_thermal
 
-WIDTH, HEIGHT = 320, 256
+WIDTH, HEIGHT = INFRARED_SIZE
 INPUT = 640  # pixels of the longer side at which the network sees an image: twice those of the clips
 STRIDE = 6   # frames of a clip between two that are cached
 BATCHES = ((128, 28, 0.35), (192, 12, 0.35), (256, 7, 0.2), (448, 2, 0.1))
-SHARES = {'drone': 0.34, 'bird': 0.22, 'airplane': 0.26, 'helicopter': 0.18}  # of the windows
+SIMULATED = 0.2  # of the windows are of the simulator
+SHARES = {'drone': 0.34, 'bird': 0.22, 'airplane': 0.26, 'helicopter': 0.18}  # of the other windows
 OTHERS = 36.0  # pixels as the network sees them, label included, from which on other things than drones are pasted
 MARGIN = 3   # pixels around a label that are cut out with it
 PLAIN, FAINT = 7.0, 12.0  # of 255: deviation of a sky from a plane, least contrast of what is pasted
@@ -39,19 +41,23 @@ class Cutout(NamedTuple):
 class ThermalFrames:
     """Every sixth frame of the infrared clips as a memory map (n, 256, 320), their clips and boxes (k, 5).
 
+    Or images of the simulator: those of eight in nine worlds are `simulated`, the others `simulated_validation`.
+
     Parameters:
         data: the data set.
         cache: folder of the decoded frames.
-        split: the clips.
+        split: the clips, or which images of the simulator.
         scenes: whether some places are left out of all splits but `test_scene`.
     """
 
     def __init__(self, data: Path, cache: Path, split: str, scenes: bool = False) -> None:
-        store, index = cache / 'thermal.npy', cache / 'thermal.json'
+        name = 'thermal_simulated' if split.startswith('simulated') else 'thermal'
+        store, index = cache / f'{name}.npy', cache / f'{name}.json'
         if not index.exists():
-            build(data, store, index)
+            store.parent.mkdir(parents=True, exist_ok=True)
+            build(data, store, index) if name == 'thermal' else build_thermal(store, index)
         entries = json.loads(index.read_text())
-        self.rows = [i for i, entry in enumerate(entries) if split_of(entry['clip'], scenes) == split]
+        self.rows = [i for i, entry in enumerate(entries) if infrared_split(entry['clip'], scenes) == split]
         self.images = np.load(store, mmap_mode='r')
         self.clips = [entries[i]['clip'] for i in self.rows]
         self.boxes = [np.array(entries[i]['boxes'], np.float32).reshape(-1, 5) for i in self.rows]
@@ -61,9 +67,15 @@ class ThermalFrames:
         return self.images[self.rows[i]]
 
 
+def infrared_split(clip: str, scenes: bool) -> str:
+    """The split of an infrared clip, or of a simulated world such as IR_SIM_007."""
+    if '_SIM_' in clip:
+        return 'simulated_validation' if int(clip[-3:]) % 9 == 8 else 'simulated'
+    return split_of(clip, scenes)
+
+
 def build(data: Path, store: Path, index: Path) -> None:
     """Decode every sixth frame of every infrared clip of `data` once."""
-    store.parent.mkdir(parents=True, exist_ok=True)
     frames, entries = [], []
     for label_file in sorted((data / 'labels_ir').glob('*.csv')):
         boxes, number = read_boxes(label_file), 0
@@ -84,10 +96,11 @@ class ThermalSampler:
 
     Parameters:
         frames: the frames that may be trained on.
+        simulated: images of the simulator.
     """
 
-    def __init__(self, frames: ThermalFrames) -> None:
-        self._frames = frames
+    def __init__(self, frames: ThermalFrames, simulated: ThermalFrames) -> None:
+        self._frames, self._simulated = frames, simulated
         by_clip: dict[str, dict[str, list[int]]] = {kind: defaultdict(list) for kind in SHARES}
         for i, (clip, boxes) in enumerate(zip(frames.clips, frames.boxes, strict=True)):
             if len(boxes):
@@ -111,19 +124,17 @@ class ThermalSampler:
         return finish(rng, image, boxes)
 
     def _view(self, rng: Rng, side: int) -> Sample:
-        """A window of a frame around its object, or anywhere, with objects of other clips pasted in."""
-        kind = str(rng.choice(list(SHARES), p=list(SHARES.values())))
-        clips = self._by_kind[kind]
-        rows = clips[rng.integers(len(clips))]
-        i = int(rows[rng.integers(len(rows))])
-        frame, boxes = self._frames.image(i), self._frames.boxes[i]
+        """A window of a frame around an object, or anywhere, with objects of other clips pasted in."""
+        frame, boxes = self._any(rng)
         least = side / HEIGHT
         zoom = max(log_uniform(rng, 1.2, 3.5) if rng.random() < 0.7 else 2.0, least)
-        zoom = max(min(zoom, 0.9 * side / float((boxes[0, 3:] - boxes[0, 1:3]).max())), least)
+        if len(boxes):
+            zoom = max(min(zoom, 0.9 * side / float((boxes[:, 3:] - boxes[:, 1:3]).max())), least)
         window = side / zoom
         corner = np.array([rng.uniform(0, WIDTH - window), rng.uniform(0, HEIGHT - window)])
-        if rng.random() < 0.65:
-            centre = 0.5 * (boxes[0, 1:3] + boxes[0, 3:])
+        if len(boxes) and rng.random() < 0.65:
+            box = boxes[rng.integers(len(boxes))]
+            centre = 0.5 * (box[1:3] + box[3:])
             corner = np.clip(centre - window * rng.uniform(0.1, 0.9, 2), 0, [WIDTH - window, HEIGHT - window])
         move = np.array([[zoom, 0, -zoom * corner[0]], [0, zoom, -zoom * corner[1]]])
         image = cv2.warpAffine(frame, move, (side, side), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -132,6 +143,17 @@ class ThermalSampler:
             label = int(rng.choice(4, p=[0.5, 0.18, 0.2, 0.12]))
             image, boxes = self._paste(rng, image, boxes, label, zoom)
         return image, boxes
+
+    def _any(self, rng: Rng) -> Sample:
+        """A frame of a clip with its object, or an image of the simulator."""
+        if rng.random() < SIMULATED:
+            i = int(rng.integers(len(self._simulated.rows)))
+            return self._simulated.image(i), self._simulated.boxes[i]
+        kind = str(rng.choice(list(SHARES), p=list(SHARES.values())))
+        clips = self._by_kind[kind]
+        rows = clips[rng.integers(len(clips))]
+        i = int(rows[rng.integers(len(rows))])
+        return self._frames.image(i), self._frames.boxes[i]
 
     def _paste(self, rng: Rng, image: NDArray[np.uint8], boxes: NDArray, label: int, zoom: float) -> Sample:
         """Add an object of another clip somewhere, larger or smaller, brighter or fainter; nothing where it would not show."""

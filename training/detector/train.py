@@ -124,7 +124,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
     parser.add_argument('--near', action='store_true', help='train the network of the near pass: pictures of the places alone')
-    parser.add_argument('--thermal', action='store_true', help='train the thermal detector: the infrared clips alone')
+    parser.add_argument('--thermal', action='store_true', help='train the thermal detector: clips and simulated images')
     parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
@@ -136,7 +136,8 @@ def arguments() -> argparse.Namespace:
 def make_sampler(args: argparse.Namespace) -> AnySampler:
     """What makes the crops, from the cache, which is filled first."""
     if args.thermal:
-        return ThermalSampler(ThermalFrames(args.data, args.cache, 'train', 'thermal' in args.leave_out))
+        clips = ThermalFrames(args.data, args.cache, 'train', 'thermal' in args.leave_out)
+        return ThermalSampler(clips, ThermalFrames(args.data, args.cache, 'simulated'))
     album = Album(args.cache, tuple(args.leave_out))
     if args.near:
         return NearSampler(album)
