@@ -23,10 +23,11 @@ from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_evaluation.figures import Figure
+from av_evaluation.hearing.places import pair
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 
-PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
+PAIR = pair(0.2)
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
 C = speed_of_sound(20.0)
 WINDOW_S = 0.5
