@@ -57,9 +57,9 @@ def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str =
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
                        m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),
                        m.calibration_error())
-            kind = f'{"in time" if fused else "by themselves":13} {"labels" if loose else "tight":6}'
+            how = f'{"in time" if fused else "by themselves":13} {"labels" if loose else "tight":6}'
             row = '  '.join(f'{figure:.3f}' for figure in figures)
-            print(f'{split:10} {kind} {len(results):8} {m.drones.sum():6}  {row}', flush=True)
+            print(f'{split:10} {how} {len(results):8} {m.drones.sum():6}  {row}', flush=True)
             if kind == 'IR' and split == 'test_clip':
                 rows += rows_of_infrared(m, threshold, fused)
             elif fused and split in AIMS:
