@@ -96,7 +96,6 @@ class Target(NamedTuple):
         track: where it is.
         drone_probability: probability 0..1 that it is a drone; NaN while unknown.
         heard, seen (s): capture times of its newest direction of arrival and detection; -inf for never.
-        identity: probability 0..1 that it is still the target that was given this id.
         kind: most probable class or type of drone; empty while unknown.
         fundamental (Hz): blade-pass frequency of its sound; NaN while unknown.
     """
@@ -107,7 +106,6 @@ class Target(NamedTuple):
     drone_probability: float = math.nan
     heard: float = -math.inf
     seen: float = -math.inf
-    identity: float = 1.0
     kind: str = ''
     fundamental: float = math.nan
 

@@ -66,8 +66,7 @@ def _track_message(target: Target) -> TrackMessage:
     track = target.track
     return TrackMessage(
         id=target.id, existence=target.existence, drone_probability=target.drone_probability,
-        identity_probability=target.identity, fundamental=target.fundamental,
-        class_id=target.kind or (DRONE if target.drone_probability >= 0.5 else ''),
+        fundamental=target.fundamental, class_id=target.kind or (DRONE if target.drone_probability >= 0.5 else ''),
         azimuth=track.azimuth, elevation=track.elevation, azimuth_world=track.azimuth_world,
         azimuth_world_rate=track.azimuth_world_rate,
         elevation_world=track.elevation_world, elevation_world_rate=track.elevation_world_rate,

@@ -55,10 +55,9 @@ def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     """
     p = parameters
     return MultiTargetTracker(TrackerSettings(
-        FilterSettings(confirm_threshold=p.confirm_threshold, detection_probability=p.detection_probability,
-                       assumed_visibility=p.assumed_visibility),
-        p.tau, p.rotation, self_calibration=p.self_calibration, follow_threshold=p.follow_threshold, policy=p.policy,
-        gimbal=gimbal, types=types_of(p.types), sound_delay=p.sound_delay, sight_delay=p.sight_delay))
+        FilterSettings(detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility),
+        p.tau, p.confirm_threshold, p.rotation, self_calibration=p.self_calibration, follow_threshold=p.follow_threshold,
+        policy=p.policy, gimbal=gimbal, types=types_of(p.types), sound_delay=p.sound_delay, sight_delay=p.sight_delay))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:

@@ -24,7 +24,6 @@ from av_common.track_messages import bearing_message, state_message, targets_mes
 from av_fusion.consistency.fault import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
-from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.odometry import pose_of
 from av_fusion.observer import FusionObserver
@@ -288,7 +287,7 @@ class FusionStage:
         if measurement is None:
             return False
         if self._gimbal is not None:
-            measurement = blurred(measurement, self._gimbal.variance(to_seconds(message.header.stamp)))
+            measurement = measurement.blurred(self._gimbal.variance(to_seconds(message.header.stamp)))
         if self._observer is not None:
             self._observer.on_camera(measurement, message, arrival)
         if self.consistency is not None:

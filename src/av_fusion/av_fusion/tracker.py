@@ -10,6 +10,7 @@ from av_common.rig import GimbalMount
 from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
+from av_fusion.disambiguation.ambiguity import candidates, certainty
 from av_fusion.disambiguation.camera_looks import CameraLooks
 from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt, View
 from av_fusion.identity.selection import Selection
@@ -37,6 +38,7 @@ class TrackerSettings:
     Parameters:
         filter: models of targets and sensors.
         tau: score of a detection from which the camera leads.
+        confirm_threshold: probability from which the front-back ambiguity counts as resolved.
         rotation: whether rotations are requested; fixed_rotation (rad): instead of planned ones, 0 for these.
         self_calibration: whether the array is calibrated by the camera.
         follow_threshold: probability of a drone from which a target is followed.
@@ -48,6 +50,7 @@ class TrackerSettings:
 
     filter: FilterSettings = field(default_factory=FilterSettings)
     tau: float = 0.5
+    confirm_threshold: float = 0.95
     rotation: bool = True
     fixed_rotation: float = 0.0
     self_calibration: bool = True
@@ -83,6 +86,7 @@ class MultiTargetTracker:
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)
+        self._confirm = self.settings.confirm_threshold
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
         self._targets = Targets(0.0)
         self._view = NO_CAMERA  # of the newest image
@@ -160,17 +164,21 @@ class MultiTargetTracker:
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
         found = [target for target in (self._target(time, track) for track in tracks.values()) if target is not None]
         known = [target for target in found if len(found) < 2 or self._is_judged(time, target, tracks)]
-        chosen = self._selection.choose(time, known)
+        chosen = self._selection.choose(known)
         self._targets = Targets(time, tuple(found), chosen)
         followed = next((target for target in found if target.id == chosen), None)
         if followed is None:
             return self._without_target(time, found)
         state = self.machine.step(time, True)
+        if self.looks is not None and state == State.VISUAL_ACTIVE:
+            self.looks.planner.cancel()
         source = Source.NOTHING if state == State.COASTING else followed.track.source
-        unresolved = [tracks[target.id] for target in found if self._selection.is_followed(target)]
+        wanted = [target for target in found if self._selection.is_followed(target)]
+        unresolved = [tracks[target.id] for target in wanted if not target.track.resolved]
         return followed.track._replace(
             state=state, source=source, reason=self.machine.reason, changed=self.machine.changed,
-            requested_rotation=self._plan_rotation(time, unresolved), look=self._plan_look(time, state, unresolved),
+            requested_rotation=self._plan_rotation(time, unresolved),
+            look=None if state == State.VISUAL_ACTIVE else self._plan_look(time, [*unresolved, tracks[chosen]]),
             sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
             visibility=self._view.visibility)
 
@@ -204,7 +212,7 @@ class MultiTargetTracker:
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `Tracker`."""
         self.machine.tau = tau
-        self.filter.confirm_from(confirm_threshold)
+        self._confirm = confirm_threshold
 
     def forget_emitters(self) -> int:
         """See `Tracker`."""
@@ -234,49 +242,44 @@ class MultiTargetTracker:
             self.reset()
 
     def _target(self, time: float, track: FilterTrack) -> Target | None:
-        """A track predicted to `time` (s); None where its direction is lost by then, or too long not measured."""
+        """A track predicted to `time` (s); None where it is too long not measured."""
         primary = track.mixture.primary()
         if primary is None or time - primary.measured > COAST_S + SOUND_TIMEOUT_S:
             return None
         later, attitude = track.later(time), self.motion.attitude(time)
-        if later[primary].across_variance >= self.settings.filter.lost_sigma**2:
-            return None
         found = {component: one.in_body(attitude) for component, one in later.items()}
         front = (sum([component.weight * one.front_share for component, one in found.items()])
                  / sum([component.weight for component in found]))
-        track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, attitude)
+        resolved = self._mirror_axis is None or certainty(track.mixture, primary, front, attitude) >= self._confirm
         seen = time - primary.newest_sighting <= SIGHT_TIMEOUT_S
         heard = time - primary.newest_doa <= SOUND_TIMEOUT_S
         source = SOURCES[seen, heard]
         state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
         shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
-                             resolved=track.ambiguity.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
+                             resolved=resolved, sound_weight=heard * (1.0 - 0.5 * seen),
                              sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], found[primary], self.motion)
         return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
-                      track.identity, track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
+                      track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
 
     def _plan_rotation(self, time: float, tracks: Sequence[FilterTrack]) -> float:
         """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
-        axis, unresolved = self._mirror_axis, [track for track in tracks if not track.ambiguity.resolved]
-        if not unresolved or axis is None:
+        axis = self._mirror_axis
+        if not tracks or axis is None:
             self.planner.cancel()
             return 0.0
         yaw = self.motion.yaw(time)
         tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
-        return self.planner.plan(time, yaw, lambda: [track.ambiguity.candidates(track.mixture, yaw, tilt.axis)
-                                                     for track in unresolved], tilt, self._view)
+        return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, tilt.axis, self._confirm)
+                                                     for track in tracks], tilt, self._view)
 
-    def _plan_look(self, time: float, state: State, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
-        """Where a look decides most about the tracks that are not resolved, or else finds the followed one."""
+    def _plan_look(self, time: float, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
+        """Where a look decides most about tracks, of which the last one is followed."""
         if self.looks is None or self.planner.is_asked(time):
-            return None
-        wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == self._targets.selected]
-        if not wanted or state == State.VISUAL_ACTIVE:
-            self.looks.planner.cancel()
             return None
         visibility = (self._view.visibility if math.isfinite(self._view.visibility)
                       else max(self.settings.filter.assumed_visibility, UNKNOWN))
-        components = [component for track in wanted for component in track.mixture.components]
+        components = [component for track in {track.id: track for track in tracks}.values()
+                      for component in track.mixture.components]
         return self.looks.plan(time, components, visibility * self.settings.filter.detection_probability, self.motion)
 
 

@@ -17,7 +17,7 @@ from av_common.parameters import node_parameters
 from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
 from av_common.tf_rotations import TfRotations
-from av_fusion.measurement.gimbal import gimbal_rotations
+from av_fusion.measurement.converter import gimbal_rotations
 from av_fusion.stage import make_fusion_stage
 
 T = 1000.0

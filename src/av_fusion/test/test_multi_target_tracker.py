@@ -11,7 +11,7 @@ from test_tracker import errors_deg, run
 from av_common.parameters import node_parameters
 from av_common.track import State, Target, Track
 from av_common.track_messages import targets_message
-from av_fusion.identity.selection import DWELL_S, Selection
+from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import make_tracker
@@ -56,7 +56,7 @@ def test_the_most_central_target_is_followed_and_a_selected_one_instead():
     track, targets = see(tracker, [(0.05, 0.9), (0.4, 0.9)], 0.2, 102.0)
     assert targets.selected == other and abs(track.azimuth - 0.4) < 0.02
     tracker.select(0)
-    track, _ = see(tracker, [(0.05, 0.9), (0.4, 0.9)], 2.0 * DWELL_S, 102.2)
+    track, _ = see(tracker, [(0.05, 0.9), (0.4, 0.9)], 1.0, 102.2)
     assert abs(track.azimuth - 0.05) < 0.02
     with pytest.raises(ValueError, match='target 99 is not tracked'):
         tracker.select(99)
@@ -97,20 +97,18 @@ def test_a_drone_at_end_fire_that_is_masked_for_long_is_a_few_components():
         assert sum(len(track.mixture.components) for track in tracker.filter.tracks) < 50
 
 
-def test_a_clearly_more_urgent_target_is_followed_after_a_while():
-    """A rival must be more urgent for DWELL_S without a break."""
+def test_a_clearly_more_urgent_target_is_followed():
+    """By half more, so that a choice between equal ones is kept."""
     selection = Selection('centre', 0.5)
 
     def targets(first, second):
         return [Target(name, 1.0, Track(0.0, azimuth=azimuth)) for name, azimuth in ((1, first), (2, second))]
 
-    assert selection.choose(0.0, targets(0.1, 0.5)) == 1
-    for time in (0.1, 0.1 + 0.9 * DWELL_S):
-        assert selection.choose(time, targets(0.5, 0.1)) == 1
-    assert selection.choose(0.95 * DWELL_S, targets(0.1, 0.5)) == 1
-    assert selection.choose(2.0, targets(0.5, 0.1)) == 1
-    assert selection.choose(2.0 + 1.1 * DWELL_S, targets(0.5, 0.1)) == 2
-    assert selection.choose(9.0, []) == 0
+    assert selection.choose(targets(0.1, 0.5)) == 1
+    assert selection.choose(targets(0.13, 0.1)) == 1
+    assert selection.choose(targets(0.5, 0.1)) == 2
+    assert selection.choose(targets(0.1, 0.13)) == 2
+    assert selection.choose([]) == 0
 
 
 def test_of_two_targets_the_likelier_drone_is_followed_unless_one_is_wanted():
@@ -120,12 +118,12 @@ def test_of_two_targets_the_likelier_drone_is_followed_unless_one_is_wanted():
                 Target(2, 1.0, Track(0.0, azimuth=0.12), drone_probability=second)]
 
     selection = Selection('centre', 0.5)
-    assert selection.choose(0.0, targets(0.6, 0.4)) == 1
-    assert selection.choose(0.1, targets(0.6, 0.9)) == 1
-    assert selection.choose(0.2 + DWELL_S, targets(0.6, 0.9)) == 2
-    assert selection.choose(3.0, targets(0.4, 0.45)) == 0
+    assert selection.choose(targets(0.6, 0.4)) == 1
+    assert selection.choose(targets(0.6, 0.65)) == 1
+    assert selection.choose(targets(0.6, 0.9)) == 2
+    assert selection.choose(targets(0.4, 0.45)) == 0
     selection.want(1)
-    assert selection.choose(4.0, targets(0.4, 0.95)) == 1
+    assert selection.choose(targets(0.4, 0.95)) == 1
 
 
 def test_nothing_is_tracked_without_measurements_and_after_a_gap():

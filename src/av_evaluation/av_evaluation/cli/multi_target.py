@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import time as wall
 from collections.abc import Sequence
@@ -47,8 +46,7 @@ class Job(NamedTuple):
 def run(job: Job) -> tuple[float, ...]:
     """Figures of a rig that stands still.
 
-    Those of `TrackFigures`, the least probability that a track still follows the target that was given its name (NaN without
-    one), and the filter's processor time over the duration of the run in percent.
+    Those of `TrackFigures`, and the filter's processor time over the duration of the run in percent.
     """
     scenario, settings, motion = load_scenario(find_config(job.scenario, 'scenarios')), FilterSettings(), RigMotion()
     if job.alike:
@@ -60,7 +58,7 @@ def run(job: Job) -> tuple[float, ...]:
     for scan in MeasurementSimulation(scenario, job.seed, model).scans():
         begun = wall.process_time()
         motion.add(Pose.level(scan.time, 0.0))
-        if scan.doas is not None:
+        if scan.doas:
             filter_.update_sound(scan.time, scan.doas)
         if scan.image is not None:
             filter_.update_image(scan.time, scan.image)
@@ -71,22 +69,21 @@ def run(job: Job) -> tuple[float, ...]:
                 found[track.id] = np.array(direction(primary.azimuth, primary.elevation))
         used += wall.process_time() - begun
         comparison.add(scan.truth, found)
-    identity = min((track.identity for track in filter_.tracks if track.existence >= settings.confirmed), default=math.nan)
-    return (*comparison.figures(), identity, 100.0 * used / scan.time)
+    return (*comparison.figures(), 100.0 * used / scan.time)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of means over the seeds."""
     options = _parser().parse_args(arguments)
     seeds = range(options.seed, options.seed + options.seeds)
-    print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}{"identity":>10}'
+    print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
           f'{"of a core":>11}')
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         for scenario in options.scenarios:
             jobs = [Job(scenario, seed, options.pair, options.alike, options.rate) for seed in seeds]
-            mean, error, missed, false, switches, kept, identity, percent = np.mean(list(pool.map(run, jobs)), axis=0)
+            mean, error, missed, false, switches, kept, percent = np.mean(list(pool.map(run, jobs)), axis=0)
             print(f'{scenario:<18}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}'
-                  f'{100.0 * kept:>10.0f} %{identity:>10.2f}{percent:>9.1f} %', flush=True)
+                  f'{100.0 * kept:>10.0f} %{percent:>9.1f} %', flush=True)
     return 0
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, recording
-from av_fusion.measurement.converter import MeasurementConverter, RotationOf, fixed_rotations
+from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
 from av_fusion.stage import FusionStage
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing, TrackArray
@@ -71,7 +71,8 @@ class OfflineRig:
         self.targets: TrackArray | None = None
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
         history = GimbalHistory() if gimbal else None
-        rotation_of = fixed_rotations(rotations) if history is None else carried(rotations, 'camera', history)
+        rotation_of = (fixed_rotations(rotations) if history is None
+                       else gimbal_rotations(rotations, {'camera': camera_rotation}, history))
         self._converter = MeasurementConverter(rotation_of, camera=camera)
         if detection is not None:
             detection.mount(camera, rotation_of)
@@ -125,19 +126,3 @@ class OfflineRig:
             self.bearing = message
         elif name == topics.TARGETS:
             self.targets = message
-
-
-def carried(rotations: Mapping[str, NDArray[np.float64]], frame: str, gimbal: GimbalHistory) -> RotationOf:
-    """Of sensors one of which is carried by a gimbal.
-
-    Parameters:
-        rotations (3, 3): by the name of the sensor's frame, to the body, or to the gimbal.
-        frame: name of the frame that the gimbal carries.
-        gimbal: orientations of the gimbal.
-    """
-    def rotation_of(name: str, time: float) -> NDArray[np.float64] | None:
-        if name != frame:
-            return rotations.get(name)
-        sample = gimbal.at(time)
-        return None if sample is None else sample.rotation @ rotations[frame]
-    return rotation_of

@@ -33,7 +33,6 @@ from av_fusion.consistency.setup_model import (
     FilterBank,
     Hypothesis,
 )
-from av_fusion.disambiguation.ambiguity import RELEASE
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction, turned_back
@@ -108,6 +107,7 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
 SUSPECTED, NAMED = 1e-3, 1e-4
 LEAST_NAMED = 0.05  # likelihood against the best, of a fault that explains the measurements as well, and is named, too
 LEAST_BELIEVED = 0.01  # below it a fault does not widen a bearing: of errors of 90 or 180 deg it would be all of the variance
+MOST_FLIPPED = 0.2  # probability that front and back are exchanged, above which they are not resolved
 LAG_S = 0.6  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
@@ -136,7 +136,7 @@ class Belief(NamedTuple):
         east, cross, _, up = track.covariance_world
         return track._replace(
             azimuth_variance=track.azimuth_variance + self.in_body, covariance_world=(east + self.in_world, cross, cross, up),
-            front_probability=front, resolved=track.resolved and self.flipped <= 1.0 - RELEASE)
+            front_probability=front, resolved=track.resolved and self.flipped <= MOST_FLIPPED)
 
 
 class ConsistencyMonitor:

@@ -69,10 +69,6 @@ class BladePassFrequency:
         self._density /= self._density.sum()
         self._measured = self._measured or bool(np.any((shares > 0.5) & (np.ptp(likelihoods, axis=1) > 0.0)))
 
-    def overlap(self, other: BladePassFrequency) -> float:
-        """Bhattacharyya coefficient 0..1 of two densities: 1 where they are equal."""
-        return min(float(np.sqrt(self._density * other._density).sum()), 1.0)
-
     def type_of(self, types: Mapping[str, float]) -> str:
         """The most probable type of drone; empty where none is more probable than not.
 

@@ -22,7 +22,6 @@ HOVER_S, HOVERING = 60.0, 0.03
 # Correlation of the log-likelihood ratios of one target by one sensor: the errors of successive looks are those of one object
 # and one model. With it n looks count as n / (1 + (n - 1) CORRELATION) independent ones (Kish, Survey Sampling, 1965, 5.4).
 CORRELATION = 0.4
-MEMORY = 20.0  # looks over which the mean is taken
 LARGEST = 5.0  # log-likelihood ratio of one look; no model is surer than its training data
 # A low score of a detection says that little of the object can be seen, rather than that it is something else.
 LEAST = {Source.SOUND: -LARGEST, Source.SIGHT: -1.0}
@@ -85,8 +84,7 @@ class Kind:
         for probability, share in zip(probabilities, shares, strict=True):
             ratio = min(max(log_odds(probability), LEAST[sensor]), LARGEST)
             if share > 0.0 and not math.isnan(ratio):
-                kept = min(1.0, MEMORY / (count + share))
-                total, count = kept * (total + share * ratio), kept * (count + share)
+                total, count = total + share * ratio, count + share
         self._sums[sensor] = total, count
 
 

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from av_common.track import Target, Track
 
 MARGIN = 1.5  # of the utility of another target over that of the followed one, from which it is followed
-DWELL_S = 1.0  # for which it must be so
-STALE_S = 0.5  # age of the newest measurement from which a target is not kept where another one is measured
 CERTAIN = 0.9  # probability of a drone above which two targets are equally worth following
 
 
@@ -31,7 +29,7 @@ POLICIES: Mapping[str, Callable[[Track], float]] = {
 
 
 class Selection:
-    """Chooses the target by its utility, and keeps it until another one has clearly more for some time, or it is not measured.
+    """Chooses the target by its utility, and keeps it until another one has clearly more.
 
     The utility is the probability that there is such a target times the odds that it is a drone, over what the policy wants
     small. Only targets that are drones with at least the probability `threshold` are followed, or those that nothing judges.
@@ -49,8 +47,7 @@ class Selection:
         if policy not in POLICIES:
             raise ValueError(f'policy {policy!r}, expected one of {", ".join(POLICIES)}')
         self._small, self.threshold = POLICIES[policy], threshold
-        self._followed = self._wanted = self._rival = 0
-        self._rival_since = math.inf
+        self._followed = self._wanted = 0
 
     def want(self, identifier: int) -> None:
         """Follow the target with this id while it is tracked; 0: by the policy."""
@@ -60,45 +57,19 @@ class Selection:
         """Whether a target is one to follow."""
         return not target.drone_probability < self.threshold
 
-    def choose(self, time: float, targets: Sequence[Target]) -> int:
-        """The id of the target to follow, 0 where there is none.
-
-        Parameters:
-            time (s): the present.
-            targets: all that are tracked.
-        """
+    def choose(self, targets: Sequence[Target]) -> int:
+        """The id of the target to follow of all that are tracked, 0 where there is none."""
         if any(target.id == self._wanted for target in targets):
             self._followed = self._wanted
             return self._followed
         self._wanted = 0
         utility = {target.id: self._utility(target) for target in targets if self.is_followed(target)}
-        rival = max(utility, key=utility.__getitem__, default=0)
-        if self._followed not in utility or _succeeds(time, rival, self._followed, targets):
-            self._followed = rival
-        elif utility[rival] <= MARGIN * utility[self._followed]:
-            self._rival = 0
-        elif rival != self._rival or not time >= self._rival_since:
-            self._rival, self._rival_since = rival, time
-        elif time - self._rival_since >= DWELL_S:
-            self._followed = rival
+        best = max(utility, key=utility.__getitem__, default=0)
+        if self._followed not in utility or utility[best] > MARGIN * utility[self._followed]:
+            self._followed = best
         return self._followed
 
     def _utility(self, target: Target) -> float:
-        drone = _likeness(target)
+        """Probability of a drone counts up to CERTAIN, and is even while nothing judges."""
+        drone = 0.5 if math.isnan(target.drone_probability) else min(target.drone_probability, CERTAIN)
         return target.existence * drone / (1.0 - drone) / (self._small(target.track) + math.radians(1.0))
-
-
-def _likeness(target: Target) -> float:
-    """Probability of a drone, up to CERTAIN; even while nothing judges."""
-    return 0.5 if math.isnan(target.drone_probability) else min(target.drone_probability, CERTAIN)
-
-
-def _succeeds(time: float, rival: int, followed: int, targets: Sequence[Target]) -> bool:
-    """Whether a rival is followed at once: it is measured, and the followed target is not judged, or stale and no likelier."""
-    known = {target.id: target for target in targets}
-    new, old = known[rival], known[followed]
-    if time - new.track.measured > STALE_S:
-        return False
-    if math.isnan(old.drone_probability) and not math.isnan(new.drone_probability):
-        return True
-    return time - old.track.measured > STALE_S and _likeness(new) >= _likeness(old)

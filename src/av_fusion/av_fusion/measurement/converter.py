@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
+from av_common.gimbal_history import GimbalHistory
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body, image_in_body
@@ -26,6 +27,24 @@ NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
 def fixed_rotations(rotations: Mapping[str, NDArray[np.float64]]) -> RotationOf:
     """Of sensors that do not move on the body: rotation matrices (3, 3) by the name of the sensor's frame."""
     return lambda frame, time: rotations.get(frame)
+
+
+def gimbal_rotations(fixed: Mapping[str, NDArray[np.float64]], carried: Mapping[str, NDArray[np.float64]],
+                     history: GimbalHistory) -> RotationOf:
+    """Of sensors of a rig with a gimbal, where there is no tf. Raises NotYetKnownError as the history does.
+
+    Parameters:
+        fixed (3, 3): rotation matrices into the body, by the name of the sensor's frame.
+        carried (3, 3): those into the gimbal's frame, of sensors on the gimbal.
+        history: orientations of the gimbal.
+    """
+    def rotation_of(frame: str, time: float) -> NDArray[np.float64] | None:
+        if frame not in carried:
+            return fixed.get(frame)
+        sample = history.at(time)
+        return None if sample is None else sample.rotation @ carried[frame]
+
+    return rotation_of
 
 
 class MeasurementConverter:

@@ -143,6 +143,12 @@ class CameraMeasurement(NamedTuple):
         """The detection of highest score."""
         return max(self.detections, key=lambda detection: detection.score, default=None)
 
+    def blurred(self, variance: float) -> CameraMeasurement:
+        """The measurement by a camera whose orientation has an error of a variance (rad^2) about each axis."""
+        return self._replace(detections=tuple([
+            one._replace(across_variance=one.across_variance + variance, elevation_variance=one.elevation_variance + variance)
+            for one in self.detections]))
+
 
 def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
     """The measurement with its plausible hypotheses; None if nothing plausible is left. An impossible judgement is unknown."""

@@ -20,7 +20,6 @@ from av_fusion.tracks.past_state import Alternatives, PastState, Row
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
-TARGET_SPEED, RANGE_MEMORY_S = 5.0, 1.0  # m/s and s, of radial motion
 LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
 LARGEST_AZIMUTH_VARIANCE = math.pi**2 / 3.0  # of an azimuth that is not known at all
 OCCLUSION_S = 5.0  # time constant of changes of fog, and of what passes between camera and target
@@ -131,8 +130,7 @@ class GaussianComponent:
             moving: whether the target accelerates at all.
             moved (m): displacement of the rig meanwhile, in the world.
         """
-        level, climb = math.cos(self.elevation) ** 2, math.sin(self.elevation)
-        late = max(dt, 0.0)
+        level, late = math.cos(self.elevation) ** 2, max(dt, 0.0)
         kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
         held = math.exp(-level * late / CLIMB_S)
         forgotten = math.exp(-late / RANGE_S)
@@ -152,7 +150,7 @@ class GaussianComponent:
         self.inverse_range = _bounded(model.usual_inverse_range + forgotten * (s - model.usual_inverse_range))
         self.up_rate *= held
         if late > 0.0:
-            self._add_noise(dt, model, moving, level, climb, kept, forgotten)
+            self._add_noise(dt, model, moving, level, kept, forgotten)
         self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
         self.move((1.0 - level) * across, up)
 
@@ -169,11 +167,11 @@ class GaussianComponent:
         self.offsets = given @ self.offsets
         self.covariances = (given @ squares).reshape(-1, SIZE, SIZE) - self.offsets[:, :, None] * self.offsets[:, None, :]
 
-    def _add_noise(self, dt: float, model: MotionModel, moving: bool, level: float, climb: float, kept: float,
-                   forgotten: float) -> None:
+    def _add_noise(self, dt: float, model: MotionModel, moving: bool, level: float, kept: float, forgotten: float) -> None:
         passing = min(self.across_rate**2 + self.up_rate**2, 0.5)
-        q = float(moving) * model.accelerations + PASSING_S * passing * passing
-        q_up = ((1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * (passing * climb) ** 2)
+        q = float(moving) * model.accelerations + PASSING_S * passing**2
+        climb = math.sin(self.elevation) * passing
+        q_up = (1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * climb**2
         covariances = self.covariances
         for k, density in ((0, q), (1, q_up)):
             covariances[:, k, k] += density * dt**3 / 3.0
@@ -181,8 +179,7 @@ class GaussianComponent:
             covariances[:, k + 2, k] += density * dt**2 / 2.0
             covariances[:, k + 2, k + 2] += density * dt
         covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
-        covariances[:, 4, 4] += ((1.0 - forgotten**2) * model.usual_inverse_range**2
-                                 + RANGE_MEMORY_S * (TARGET_SPEED * self.inverse_range**2) ** 2 * dt)
+        covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
 
     def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> GaussianComponent:
         """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.

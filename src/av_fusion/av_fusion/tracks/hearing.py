@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, angles, combined, cross, dot, tangents, turned
+from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
 from av_fusion.tracks.likelihood import DirectionLikelihood, DoaLikelihood, WorldCone, WorldDirection
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 
 UNIFORM_DENSITY = 1.0 / tau
-STAMP_S = 0.01  # error of the stamp of a direction of arrival relative to that of the rig's attitude
 LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 
 
@@ -56,9 +55,7 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
         settings: see `FilterSettings`.
         motion: attitude of the rig.
     """
-    # A direction is that at the centre of its window, whatever moves within; stamps of sound and attitude differ a little.
-    blur = combined(STAMP_S, motion.rate(time), 0.0, ZERO)
-    floor = settings.sound_floor_sigma**2 + blur[2] ** 2
+    floor = settings.sound_floor_sigma**2
     variance = min(h.across_variance for h in measurement.hypotheses) + floor
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(tau * variance) / UNIFORM_DENSITY
     attitude, cone = motion.attitude(time), measurement.cone
@@ -67,18 +64,18 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
         return Hearing(likelihood, births, measurement.confidence, peak)
     axis = turned(attitude, cone.axis)
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
-    return Hearing(*_hear_cone(cone, axis, blur, fraction, settings), measurement.confidence, peak, axis if off_axis else None)
+    return Hearing(*_hear_cone(cone, axis, fraction, settings), measurement.confidence, peak, axis if off_axis else None)
 
 
-def _hear_cone(cone: Cone, axis: Vector, blur: Vector, fraction: float, settings: FilterSettings
+def _hear_cone(cone: Cone, axis: Vector, fraction: float, settings: FilterSettings
                ) -> tuple[DoaLikelihood, list[BirthComponent]]:
     """A cone about an axis in the world; both images are where it meets the likely elevations of the sky."""
     model, variance = settings.model, cone.variance + settings.sound_floor_sigma**2 * cone.slope_squared
-    heard = WorldCone(axis, cone.cosine, variance, cross(blur, axis))
+    heard = WorldCone(axis, cone.cosine, variance)
     images = heard.sky_images(model.usual_elevation, model.usual_elevation_variance)
     births = [BirthComponent(image.azimuth, image.elevation, image.hh, image.hv, image.vv,
                              1.0 / len(images)) for image in images]
-    return heard._replace(variance=variance / fraction, blur=combined(fraction**-0.5, heard.blur, 0.0, ZERO)), births
+    return heard._replace(variance=variance / fraction), births
 
 
 def _hear_directions(measurement: DoaMeasurement, attitude: Rows, floor: float, fraction: float, settings: FilterSettings

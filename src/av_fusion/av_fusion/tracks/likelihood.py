@@ -140,13 +140,11 @@ class WorldCone(NamedTuple):
         axis: unit vector of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
         variance: variance of the cosine's error from all causes.
-        blur: displacement of the axis by its rotation within the error of the stamp, as a standard deviation.
     """
 
     axis: Vector
     cosine: float
     variance: float
-    blur: Vector
 
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """See `DoaLikelihood`."""
@@ -156,8 +154,7 @@ class WorldCone(NamedTuple):
     def deviation(self, past: PastState) -> Deviation:
         """Deviation of the cosine from what a component predicts."""
         means, variances, row = expected_cosine(past, self.axis)
-        noise = self.variance + dot(self.blur, past.direction) ** 2
-        return Deviation(row, self.cosine - means, variances + noise, noise)
+        return Deviation(row, self.cosine - means, variances + self.variance, self.variance)
 
     def sky_images(self, elevation: float, variance: float) -> list[SkyImage]:
         """Where the cone meets the likely elevations of the sky, clockwise of the axis first.

@@ -15,7 +15,7 @@ from av_fusion.tracks.component import SIZE, GaussianComponent
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
 from av_fusion.tracks.motion import MotionModel
 
-AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
+AGREEING = math.radians(10.0)  # components closer together are one direction
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
 LEAST_WEIGHT = 1e-6  # least weight of a component
 LEAST_ABSENT = 1e-9
@@ -51,26 +51,25 @@ class GaussianMixture:
     Parameters:
         model: motion of targets.
         rate_variance (rad^2/s^2): initial variance of the rate of a birth across, and up far from the horizon.
-        lost_variance (rad^2): components of larger variance are removed.
     """
 
-    def __init__(self, model: MotionModel, rate_variance: float, lost_variance: float) -> None:
+    def __init__(self, model: MotionModel, rate_variance: float) -> None:
         self.components: list[GaussianComponent] = []
         self.absent = 1.0
-        self.model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
+        self.model, self._rate_variance = model, rate_variance
         self._primary: GaussianComponent | None = None
 
     @classmethod
-    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
-             lost_variance: float) -> GaussianMixture:
+    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float
+             ) -> GaussianMixture:
         """The density of a target that begins with one measurement.
 
         Parameters:
             births: its mirror images.
             existence: probability that there is such a target.
-            model, rate_variance, lost_variance: see the class.
+            model, rate_variance: see the class.
         """
-        mixture = cls(model, rate_variance, lost_variance)
+        mixture = cls(model, rate_variance)
         mixture.components = [mixture._component_of(birth, existence * birth.share) for birth in births]
         mixture.absent = 1.0 - existence
         mixture.reduce()
@@ -139,7 +138,7 @@ class GaussianMixture:
                                  elevation_measured=birth.elevation_measured)
 
     def reduce(self) -> None:
-        """Normalise, merge components that agree, and remove those of little weight or large variance."""
+        """Normalise, merge components that agree, and remove those of little weight."""
         components = sorted(self.components, key=_WEIGHT, reverse=True)
         total = self.absent + sum([component.weight for component in components])
         kept: list[GaussianComponent] = []
@@ -152,7 +151,7 @@ class GaussianMixture:
                     merge(other, component)
                     break
             else:
-                if component.weight >= LEAST_WEIGHT and component.across_variance <= self._lost_variance:
+                if component.weight >= LEAST_WEIGHT:
                     kept.append(component)
                 else:
                     self.absent += component.weight
@@ -167,22 +166,12 @@ class GaussianMixture:
             self._primary = heaviest
         return self._primary
 
-    def share_of(self, primary: GaussianComponent, axis: Vector | None) -> float:
-        """Probability of the direction of the primary component, given that there is a target.
-
-        Components that agree with it count, and those close to it on its side of the axis about which directions of arrival
-        are mirrored.
-
-        Parameters:
-            primary: the primary component.
-            axis: unit vector of the axis in the world, None without one.
-        """
-        azimuth = math.nan if axis is None else math.atan2(axis[1], axis[0])
-        side, agreeing, total = math.sin(primary.azimuth - azimuth), 0.0, 0.0
+    def share_of(self, primary: GaussianComponent) -> float:
+        """Probability of the direction of the primary component, given that there is a target: of all that agree with it."""
+        agreeing = total = 0.0
         for component in self.components:
             total += component.weight
             apart = min(abs(remainder(primary.azimuth - component.azimuth, tau)),  # at the zenith azimuths mean little
                         math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
-            if apart < AGREEING or (apart < CLOSE and side * math.sin(component.azimuth - azimuth) > 0.0):
-                agreeing += component.weight
+            agreeing += component.weight * (apart < AGREEING)
         return agreeing / total

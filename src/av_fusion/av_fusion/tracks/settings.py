@@ -23,12 +23,10 @@ class FilterSettings:
         detection_probability: probability that a visible target in view is detected.
         sight_correlation (s): correlation time of the errors of successive images.
         assumed_visibility: visibility (0..1) of images without one.
-        undetected_first, undetected: expected number of targets in the sky that were not detected, at first and later on.
+        undetected: expected number of targets in the sky that were not detected.
         least_existence: a track of smaller existence probability ends, and none begins: an unlikely source in one of five
             windows that overlap.
         confirmed: existence probability from which a track is reported.
-        confirm_threshold: probability from which the front-back ambiguity counts as resolved.
-        lost_sigma (rad): a direction of larger standard deviation is lost.
         duplicate_time (s): two tracks that agree become one when no scan has told them apart for so long, or ever.
         most_tracks: the least certain tracks beyond this number end.
     """
@@ -44,11 +42,8 @@ class FilterSettings:
     detection_probability: float = 0.9
     sight_correlation: float = 0.3
     assumed_visibility: float = 0.0
-    undetected_first: float = 1.0
-    undetected: float = 0.05
+    undetected: float = 0.2
     least_existence: float = 0.002
     confirmed: float = 0.5
-    confirm_threshold: float = 0.95
-    lost_sigma: float = math.radians(30.0)
     duplicate_time: float = 10.0
     most_tracks: int = 50

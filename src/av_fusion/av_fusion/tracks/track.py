@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.track import Source
-from av_fusion.disambiguation.ambiguity import Ambiguity
 from av_fusion.identity.blade_pass import BladePassFrequency
-from av_fusion.identity.confusion import overlap
 from av_fusion.identity.kind import Kind
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents
@@ -59,10 +57,8 @@ class Track:
         time (s): for which the density is valid.
         mixture: the density.
         kind, blade_pass: what it is, and the blade-pass frequency of its sound.
-        ambiguity: whether front and back are resolved.
         score: of the detection that supports it in the newest image, 0 for none.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
-        confusions: largest probability so far that it was taken for another target, by the id of that.
 
     Parameters:
         identifier: see `id`.
@@ -76,23 +72,16 @@ class Track:
                  settings: FilterSettings, motion: RigMotion) -> None:
         self._settings, self._motion = settings, motion
         self.id, self.began, self.time = identifier, time, time
-        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2, settings.lost_sigma**2)
+        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2)
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
-        self.ambiguity = Ambiguity(settings.confirm_threshold)
         self.score = 0.0
         self.told_apart: dict[int, float] = {}
-        self.confusions: dict[int, float] = {}
         self._anchor: tuple[Vector, Vector] | None = None  # direction from which it is heard while static, and the rig's place
 
     @property
     def existence(self) -> float:
         """Probability that the target exists."""
         return min(max(1.0 - self.mixture.absent, 0.0), 1.0)
-
-    @property
-    def identity(self) -> float:
-        """Probability that this is still the target that was given its id."""
-        return math.prod((1.0 - confusion for confusion in self.confusions.values()), start=1.0)
 
     @property
     def measured(self) -> float:
@@ -278,15 +267,6 @@ class Track:
         """Turn the track with the world, where the rig's attitude was corrected."""
         self.mixture.turn_world(rows)
         self._anchor = None
-
-    def compare_identity(self, other: Track) -> None:
-        """Note how probable it is that this target and another one are taken for each other."""
-        one, two = self.mixture.primary(), other.mixture.primary()
-        if one is not None and two is not None:
-            alike = overlap(one, two)
-            confusion = 0.5 * alike * self.blade_pass.overlap(other.blade_pass) if alike else 0.0
-            for track, rival in ((self, other), (other, self)):
-                track.confusions[rival.id] = max(track.confusions.get(rival.id, 0.0), confusion)
 
 
 def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDArray[np.float64]) -> None:

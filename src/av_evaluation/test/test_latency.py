@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from av_common.angles import wrap
-from av_fusion.calibration.latency import estimate_offset
+from av_evaluation.cli.estimate_latency import estimate_offset
 
 
 def curves(offset, seed=0, turned=0.0, scale=1.0, amplitude=0.5):
