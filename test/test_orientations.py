@@ -13,7 +13,7 @@ from av_common.frames import BASE_FRAME, is_orientation
 from av_common.gimbal_history import sample_of
 from av_common.rig import load_rig
 from av_common.stamps import to_stamp
-from av_fusion.measurement.odometry import pose_of
+from av_fusion.measurement.converter import pose_of
 from av_fusion.measurement.rig_motion import Pose
 from av_interfaces.msg import GimbalState
 from av_pointing.gimbal_stage import GimbalStage

@@ -37,13 +37,15 @@ from av_vision.stage import make_detector
 EXAMPLE = Path(__file__).parents[1] / 'examples' / 'own_method'
 KINDS = {'av_rig.doa': DOA_METHODS, 'av_rig.trackers': TRACKERS, 'av_rig.detectors': DETECTORS}
 OFFERED = {'av_rig.doa': {'loudest_delay': 'own_method:loudest_delay'},
-           'av_rig.trackers': {'newest_bearing': 'own_method:NewestBearing'},
+           'av_rig.trackers': {'kalman': 'av_evaluation.experiments.baselines:KalmanTracker',
+                               'moving_average': 'av_evaluation.experiments.baselines:MovingAverage',
+                               'newest_bearing': 'own_method:NewestBearing'},
            'av_rig.detectors': {'dark_specks': 'own_method:dark_specks'}}
 
 
 @pytest.fixture
 def offered(monkeypatch):
-    """The example's methods, as if it were installed."""
+    """The methods of the example and of av_evaluation, as if these packages alone were installed."""
     monkeypatch.syspath_prepend(str(EXAMPLE))
     for group, kind in KINDS.items():
         monkeypatch.setattr('av_common.methods.entry_points', lambda group: [

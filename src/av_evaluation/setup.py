@@ -25,6 +25,10 @@ setup(
     description='Replay of bags, offline runs, metrics, experiments, report, benchmarks and monitor.',
     license='Apache-2.0',
     entry_points={
+        'av_rig.trackers': [
+            'kalman = av_evaluation.experiments.baselines:KalmanTracker',
+            'moving_average = av_evaluation.experiments.baselines:MovingAverage',
+        ],
         'console_scripts': [
             'monitor_node = av_evaluation.nodes.monitor_node:main',
             'attack = av_evaluation.cli.attack:main',

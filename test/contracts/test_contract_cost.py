@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import sys
 
-import pytest
 from figures import at_most
 
 from av_evaluation.faults.formula_rig import FormulaRig, Source
 
 
-@pytest.mark.xfail(strict=False, reason='472 calls')
 def test_a_window_of_one_target_is_few_calls(contract):
     """Directions of a pair, one target whose side is known: mean of twenty windows, with the output of each.
 

@@ -14,7 +14,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
-from av_fusion.gated.tracker import GatedTracker
+from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config

@@ -6,7 +6,5 @@ from av_common.methods import Methods
 
 TRACKERS = Methods('av_rig.trackers', {
     'bayes': 'av_fusion.settings:own_tracker',
-    'gated': 'av_fusion.gated.tracker:GatedTracker',
-    'kalman': 'av_fusion.plain.baselines:KalmanTracker',
-    'moving_average': 'av_fusion.plain.baselines:MovingAverage',
+    'gated': 'av_fusion.gated_tracker:GatedTracker',
 })

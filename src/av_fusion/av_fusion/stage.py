@@ -21,11 +21,10 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
-from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
-from av_fusion.measurement.converter import MeasurementConverter, RotationOf
+from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.odometry import pose_of
 from av_fusion.observer import FusionObserver
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import make_tracker

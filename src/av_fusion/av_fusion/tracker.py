@@ -10,24 +10,24 @@ from av_common.rig import GimbalMount
 from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
-from av_fusion.disambiguation.ambiguity import candidates, certainty
+from av_fusion.disambiguation.ambiguity import candidates, is_resolved
 from av_fusion.disambiguation.camera_looks import CameraLooks
 from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt, View
 from av_fusion.identity.selection import Selection
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import Vector
-from av_fusion.placed import placed
 from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S, StateMachine
+from av_fusion.tracks.component import BodyDirection, GaussianComponent
 from av_fusion.tracks.filter import LOOK_S, MultiBernoulliFilter
 from av_fusion.tracks.likelihood import mirror_axis
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.track import MAX_GAP_S
 from av_fusion.tracks.track import Track as FilterTrack
 
-SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
-           (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
 COAST_S = 3.0  # longest prediction of a track that no measurement supports
+LEAST_LEVEL = 0.05  # cosine of an elevation; closer to the zenith the rate of the azimuth is bounded
+KNOWN_RANGE = 2.0  # inverse range over its standard deviation from which a range is published
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
 
@@ -118,15 +118,14 @@ class MultiTargetTracker:
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
-        usable = [one for one in map(usable_doa, measurements) if one is not None]
-        if not usable:
+        if not measurements:
             return
-        time = usable[0].time - self.settings.sound_delay
+        time = measurements[0].time - self.settings.sound_delay
         self._reset_after_gap(time)
-        self._mirror_axis = mirror_axis(usable[0].hypotheses, usable[0].cone)
+        self._mirror_axis = mirror_axis(measurements[0].hypotheses, measurements[0].cone)
         # A sighting is compared with the only sound: of several it is not known which is the one that is seen.
-        heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(usable) == 1
-                 else self._calibration.array.corrected(one) for one in usable]
+        heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(measurements) == 1
+                 else self._calibration.array.corrected(one) for one in measurements]
         self.filter.update_sound(time, heard)
         followed = self._followed()
         self.machine.on_doa(time, heard[0].confidence, followed is not None and followed.heard >= time)
@@ -137,21 +136,19 @@ class MultiTargetTracker:
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`."""
-        usable = usable_camera(measurement)
-        if usable is None:
-            return
-        time = usable.time - self.settings.sight_delay
+        time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
-        self._view = View(math.atan2(usable.view[1][0], usable.view[0][0]), usable.half_view, usable.visibility)
+        self._view = View(math.atan2(measurement.view[1][0], measurement.view[0][0]), measurement.half_view,
+                          measurement.visibility)
         # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
-        self._calibration.see(time, usable.best if len(seen) < 2 else None)
-        self.filter.update_image(time, usable)
+        self._calibration.see(time, measurement.best if len(seen) < 2 else None)
+        self.filter.update_image(time, measurement)
         followed = self._followed()
-        score = followed.score if followed is not None else usable.best.score if usable.best is not None else 0.0
+        score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0
         self.machine.on_image(time, score)
         if self.looks is not None:
-            self.looks.on_image(time, usable, self.motion, score >= self.machine.tau)
+            self.looks.on_image(time, measurement, self.motion, score >= self.machine.tau)
 
     def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """See `Tracker`."""
@@ -162,7 +159,7 @@ class MultiTargetTracker:
         """See `Tracker`: the followed target. The filter itself is not moved."""
         silent = abs(time - self.filter.newest) >= MAX_GAP_S
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
-        found = [target for target in (self._target(time, track) for track in tracks.values()) if target is not None]
+        found = [target for track in tracks.values() if (target := self._target(time, track)) is not None]
         known = [target for target in found if len(found) < 2 or self._is_judged(time, target, tracks)]
         chosen = self._selection.choose(known)
         self._targets = Targets(time, tuple(found), chosen)
@@ -250,13 +247,14 @@ class MultiTargetTracker:
         found = {component: one.in_body(attitude) for component, one in later.items()}
         front = (sum([component.weight * one.front_share for component, one in found.items()])
                  / sum([component.weight for component in found]))
-        resolved = self._mirror_axis is None or certainty(track.mixture, primary, front, attitude) >= self._confirm
+        track.resolved = self._mirror_axis is None or is_resolved(track.mixture, primary, front, attitude, self._confirm,
+                                                                  track.resolved)
         seen = time - primary.newest_sighting <= SIGHT_TIMEOUT_S
         heard = time - primary.newest_doa <= SOUND_TIMEOUT_S
-        source = SOURCES[seen, heard]
+        source = Source(seen * Source.SIGHT | heard * Source.SOUND)
         state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
-        shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
-                             resolved=resolved, sound_weight=heard * (1.0 - 0.5 * seen),
+        shown = _placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
+                             resolved=track.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
                              sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], found[primary], self.motion)
         return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
                       track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
@@ -291,3 +289,25 @@ def _why_not_followed(found: Sequence[Target]) -> str:
     sensed = 'seen' if target.track.source & Source.SIGHT else 'heard'
     return (f'{sensed} at {math.degrees(target.track.azimuth):+.0f} deg, judged not a drone '
             f'({target.drone_probability:.2f})')
+
+
+def _placed(track: Track, component: GaussianComponent, found: BodyDirection, motion: RigMotion) -> Track:
+    """A track with the direction, rates and range of a component at the track's time.
+
+    Parameters:
+        track: all but these.
+        component: the component at that time.
+        found: its direction in the body.
+        motion: attitude and path of the rig.
+    """
+    across_rate, up_rate = component.rates(motion.velocity(track.time))
+    (hh, hv), (_, vv) = component.covariance[:2, :2].tolist()
+    inverse, variance = component.inverse_range, float(component.covariance[4, 4])
+    known = inverse > KNOWN_RANGE * math.sqrt(variance)
+    return track._replace(
+        azimuth=found.azimuth, elevation=found.elevation, azimuth_variance=found.azimuth_variance,
+        elevation_variance=found.elevation_variance if component.elevation_measured else math.inf,
+        azimuth_world=component.azimuth, azimuth_world_rate=across_rate / max(math.cos(component.elevation), LEAST_LEVEL),
+        elevation_world=component.elevation, elevation_world_rate=up_rate, covariance_world=(hh, hv, hv, vv),
+        attitude_known=motion.is_known(track.time), range=1.0 / inverse if known else math.nan,
+        range_variance=variance / inverse**4 if known else math.inf)

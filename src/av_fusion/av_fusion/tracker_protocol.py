@@ -16,7 +16,8 @@ from av_fusion.tracks.track import Track as FilterTrack
 class Tracker(Protocol):
     """Estimates the bearing of a target: of the one that is followed where there are several.
 
-    Measurements may arrive late and out of order; times are capture times in s.
+    Measurements are plausible, as `MeasurementConverter` gives them; they may arrive late and out of order. Times are capture
+    times in s.
     """
 
     @property
@@ -34,7 +35,7 @@ class Tracker(Protocol):
         """Use attitude and motion of the rig."""
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """Use the directions of arrival of one window, of different sources; those that are not plausible are ignored."""
+        """Use the directions of arrival of one window, of different sources."""
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Use the detections of an image, or their absence."""

@@ -11,8 +11,15 @@ from simulated_sensors import SimulatedSensors
 from av_common.angles import wrap
 from av_common.track import Source, State
 from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, Tilt
-from av_fusion.gated.tracker import GatedTracker
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_fusion.gated_tracker import GatedTracker
+from av_fusion.measurement.measurements import (
+    CameraMeasurement,
+    Detection,
+    DoaMeasurement,
+    Hypothesis,
+    usable_camera,
+    usable_doa,
+)
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.tracker import MultiTargetTracker
 
@@ -142,19 +149,16 @@ def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
 
 
-@pytest.mark.parametrize('tracker_class', [MultiTargetTracker, GatedTracker])
-def test_garbage_is_ignored(tracker_class):
-    """NaN, infinite and empty measurements leave a good track alone."""
-    tracker, sensors = tracker_class(), SimulatedSensors(11)
-    run(tracker, sensors, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
-    before = tracker.estimate(103.0)
-    nan, inf = math.nan, math.inf
-    for measurement in (DoaMeasurement(nan, (Hypothesis(0.1, 0.1),), 0.9), DoaMeasurement(103.0, (Hypothesis(nan, 0.1),), 0.9),
-                  DoaMeasurement(103.0, (), 0.9), DoaMeasurement(103.0, (Hypothesis(0.1, 0.1),), nan)):
-        tracker.add_doa(measurement)
-    tracker.add_pose(Pose.level(103.0, nan, inf))
-    after = tracker.estimate(103.0)
-    assert after.azimuth == pytest.approx(before.azimuth, abs=1e-9)
+def test_garbage_is_no_measurement():
+    """NaN, infinite and empty measurements; a pose without a rate that is finite."""
+    nan, good = math.nan, Hypothesis(0.1, 0.1)
+    for measurement in (DoaMeasurement(nan, (good,), 0.9), DoaMeasurement(103.0, (Hypothesis(nan, 0.1),), 0.9),
+                        DoaMeasurement(103.0, (), 0.9), DoaMeasurement(103.0, (good,), nan)):
+        assert usable_doa(measurement) is None
+    assert usable_doa(DoaMeasurement(103.0, (good, Hypothesis(nan, 0.1)), 0.9)).hypotheses == (good,)
+    assert usable_camera(CameraMeasurement(nan, ())) is None and usable_camera(CameraMeasurement(1.0, (), nan)) is None
+    assert usable_camera(CameraMeasurement(1.0, (Detection(nan, 1e-4, 0.9), Detection(0.1, 1e-4, nan)))).detections == ()
+    assert not Pose.level(103.0, nan, math.inf).is_plausible
 
 
 @pytest.mark.parametrize('seed', range(4))

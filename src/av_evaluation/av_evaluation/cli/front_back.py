@@ -30,7 +30,7 @@ from av_common.angles import wrap
 from av_common.rig import GimbalMount, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
-from av_fusion.gated.tracker import GatedTracker
+from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings

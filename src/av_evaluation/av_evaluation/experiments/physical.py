@@ -26,7 +26,7 @@ from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.measurement.geometry import camera_in_body
+from av_fusion.measurement.geometry import detections_in_body
 from av_fusion.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState
 from av_vision.stage import DetectionStage, make_detection_stage
@@ -159,10 +159,10 @@ def labelled_azimuths(file: Path) -> NDArray:
     rows = [line.split(',') for line in file.read_text().splitlines()[1:]]
     frames = np.array([int(row[0]) for row in rows])
     boxes = np.array([[float(value) for value in row[2:6]] for row in rows])
-    labels = camera_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
-                            CAMERA.optical_to_body)
+    labels = detections_in_body(CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
+                                CAMERA.optical_to_body)
     _, first = np.unique(frames, return_index=True)
-    azimuths = np.array([detection.azimuth for detection in labels.detections])[first]
+    azimuths = np.array([detection.azimuth for detection in labels])[first]
     return np.interp(np.arange(frames.max() + 1), frames[first], azimuths)
 
 

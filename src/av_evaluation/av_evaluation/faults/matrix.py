@@ -15,7 +15,7 @@ from av_common.config_reader import load
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
 from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
 from av_evaluation.faults.formula_rig import Source, unit
-from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_simulator.config_files import find_config, shipped

@@ -120,7 +120,7 @@ class ArraySelfCalibration:
         cone = measurement.cone
         if cone is None or not self.compared:
             return measurement
-        left, right = (math.acos(cosine) for cosine in self.correct(cone.cosine, cone.angle))
+        left, right = map(math.acos, self.correct(cone.cosine, cone.angle))
         axis = turned(rotation(quaternion_of((0.0, 0.0, 0.5 * (left - right)))), cone.axis)
         moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
         return measurement._replace(hypotheses=moved.images(), cone=moved)

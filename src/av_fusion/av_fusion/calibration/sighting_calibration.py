@@ -3,16 +3,65 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
+from operator import attrgetter
+from typing import NamedTuple
 
 from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
-from av_fusion.calibration.sighting_history import Sighting, SightingHistory
 from av_fusion.measurement.measurements import Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction, dot, turned, turned_back
+from av_fusion.measurement.vectors import Rows, Vector, angles, combined, cross, direction, dot, turned, turned_back
 from av_fusion.tracks.filter import effective_sample_fraction
 
 AT_LIMIT = 'self-calibration at its limit'
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
+GAP_S, KEPT_S = 0.4, 3.0  # longest time between sightings that is interpolated, and age up to which they are kept
+_TIME = attrgetter('time')
+
+
+class Sighting(NamedTuple):
+    """Direction of the target in the world.
+
+    Parameters:
+        time (s): capture time of the image.
+        direction: unit vector.
+        variance (rad^2): variance of the direction.
+    """
+
+    time: float
+    direction: Vector
+    variance: float
+
+
+class SightingHistory:
+    """Interpolates sightings, so that a direction of arrival can be compared with the sighting at its capture time."""
+
+    def __init__(self) -> None:
+        self._sightings: list[Sighting] = []
+
+    def add(self, sighting: Sighting) -> None:
+        """Add a sighting; one that is out of order is ignored."""
+        if self._sightings and sighting.time <= self._sightings[-1].time:
+            return
+        del self._sightings[:bisect_right(self._sightings, sighting.time - KEPT_S, key=_TIME)]
+        self._sightings.append(sighting)
+
+    def at(self, time: float) -> Sighting | None:
+        """The direction at `time`, interpolated; None outside the history and in gaps."""
+        after = bisect_left(self._sightings, time, key=_TIME)
+        if after in (0, len(self._sightings)):
+            return None
+        earlier, later = self._sightings[after - 1:after + 1]
+        if later.time - earlier.time > GAP_S:
+            return None
+        share = (time - earlier.time) / (later.time - earlier.time)
+        mean = combined(1.0 - share, earlier.direction, share, later.direction)
+        length = max(math.sqrt(dot(mean, mean)), 1e-9)
+        return Sighting(time, combined(1.0 / length, mean, 0.0, mean), later.variance)
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn all sightings with the world, where the rig's attitude was corrected."""
+        self._sightings = [s._replace(direction=turned(rows, s.direction)) for s in self._sightings]
 
 
 class SightingCalibration:

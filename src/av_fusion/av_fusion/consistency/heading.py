@@ -7,7 +7,7 @@ from collections import deque
 
 from av_common.angles import wrap
 from av_common.stopping import COMMAND_LIFETIME_S, LONGEST_DEAD_TIME_S, LONGEST_LAG_S
-from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.events import Fault
 from av_fusion.measurement.rig_motion import FROZEN_RAD, RigMotion
 
 UNKNOWN = math.pi**2 / 3.0  # rad^2, of a heading that may be any

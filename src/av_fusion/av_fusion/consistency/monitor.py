@@ -6,6 +6,7 @@ import math
 from bisect import insort
 from collections.abc import Callable, Sequence
 from itertools import combinations
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.track import Track
-from av_fusion.consistency.events import SightEvent, SoundEvent
-from av_fusion.consistency.fault import Fault
+from av_fusion.consistency.events import Fault, SightEvent, SoundEvent
 from av_fusion.consistency.heading import HeadingWatch
 from av_fusion.consistency.setup_model import (
     ALONE,
@@ -33,7 +33,8 @@ from av_fusion.consistency.setup_model import (
     FilterBank,
     Hypothesis,
 )
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.disambiguation.ambiguity import RELEASE
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction, turned_back
 
@@ -107,7 +108,6 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
 SUSPECTED, NAMED = 1e-3, 1e-4
 LEAST_NAMED = 0.05  # likelihood against the best, of a fault that explains the measurements as well, and is named, too
 LEAST_BELIEVED = 0.01  # below it a fault does not widen a bearing: of errors of 90 or 180 deg it would be all of the variance
-MOST_FLIPPED = 0.2  # probability that front and back are exchanged, above which they are not resolved
 LAG_S = 0.6  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
@@ -136,7 +136,7 @@ class Belief(NamedTuple):
         east, cross, _, up = track.covariance_world
         return track._replace(
             azimuth_variance=track.azimuth_variance + self.in_body, covariance_world=(east + self.in_world, cross, cross, up),
-            front_probability=front, resolved=track.resolved and self.flipped <= MOST_FLIPPED)
+            front_probability=front, resolved=track.resolved and self.flipped <= 1.0 - RELEASE)
 
 
 class ConsistencyMonitor:
@@ -170,7 +170,7 @@ class ConsistencyMonitor:
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Take the directions of one window, those that may be a drone's."""
-        usable = tuple(m for m in map(usable_doa, measurements) if m is not None and not m.drone_probability < LEAST_SCORE)
+        usable = tuple([one for one in measurements if not one.drone_probability < LEAST_SCORE])
         if usable:
             if self._bank is None:
                 self._begin(usable[0].cone is not None)
@@ -178,13 +178,12 @@ class ConsistencyMonitor:
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Take an image in which something is seen."""
-        usable = usable_camera(measurement)
-        if usable is not None and usable.best is not None and usable.best.score >= LEAST_SCORE:
+        if measurement.best is not None and measurement.best.score >= LEAST_SCORE:
             self._sights = True
-            self._add(usable.time - self._sight_delay, usable)
+            self._add(measurement.time - self._sight_delay, measurement)
 
     def _add(self, time: float, measurement: CameraMeasurement | tuple[DoaMeasurement, ...]) -> None:
-        insort(self._waiting, (time, measurement), key=lambda one: one[0])
+        insort(self._waiting, (time, measurement), key=itemgetter(0))
         del self._waiting[:-MOST_WAITING]
 
     def add_command(self, time: float, yaw_rate: float) -> None:
@@ -214,9 +213,10 @@ class ConsistencyMonitor:
                     self._see(bank, time, measurement)
                 else:
                     self._hear(bank, time, measurement)
-        self._decide(bank)
+        posterior = bank.posterior()
+        self._decide(bank, posterior)
         if self._sights:
-            self._set_up = self._believe(bank, now)
+            self._set_up = self._believe(bank, posterior, now)
 
     def _begin(self, is_pair: bool) -> None:
         bank = self._bank = FilterBank(hypotheses(is_pair))
@@ -275,8 +275,7 @@ class ConsistencyMonitor:
         back = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
         return np.asarray(back @ np.array(self._motion.attitude(time)))
 
-    def _decide(self, bank: FilterBank) -> None:
-        posterior = bank.posterior()
+    def _decide(self, bank: FilterBank, posterior: NDArray) -> None:
         faults = np.argsort(-posterior[1:]) + 1
         wrong = max(float(posterior[1:].sum()), 1e-300)
         chance = self._odds * float(posterior[0]) / wrong  # bound of the probability of such a ratio, where nothing is wrong
@@ -287,13 +286,12 @@ class ConsistencyMonitor:
         elif chance > 1.0:
             self._wrong = None
 
-    def _believe(self, bank: FilterBank, now: float) -> Belief:
+    def _believe(self, bank: FilterBank, posterior: NDArray, now: float) -> Belief:
         """What is published of a bearing at `now` (s): while nothing is seen, bearings are off by as much as when it was."""
         if bank.target_known and now - self._seen <= GAP_S:
             self._apart = bank.apart(now - self._time, self._motion.yaw(now))
-        posterior = bank.posterior()
-        posterior[posterior < LEAST_BELIEVED] = 0.0
-        return Belief(*map(float, np.vstack([self._flips, self._apart]) @ posterior))
+        believed = np.where(posterior < LEAST_BELIEVED, 0.0, posterior)
+        return Belief(*map(float, np.vstack([self._flips, self._apart]) @ believed))
 
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""

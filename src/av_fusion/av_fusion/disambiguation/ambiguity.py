@@ -10,19 +10,24 @@ from av_fusion.measurement.vectors import Rows, Vector, dot
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.mixture import GaussianMixture
 
+RELEASE = 0.8  # probability below which what was resolved counts as unresolved again
 OVERHEAD = math.sin(math.radians(60.0))  # vertical part of a direction in the body, above which front and back do not matter
 
 
-def certainty(mixture: GaussianMixture, primary: GaussianComponent, front: float, attitude: Rows) -> float:
-    """Probability that the direction is the primary one, and in the hemisphere in which it is: the smaller of both.
+def is_resolved(mixture: GaussianMixture, primary: GaussianComponent, front: float, attitude: Rows, confirm: float, before: bool
+                ) -> bool:
+    """Whether the direction is surely the primary one, and in one hemisphere; what was so before is kept for longer.
 
     Parameters:
         mixture, primary: density of the target, and the component of its direction.
         front: probability that it is in the front hemisphere.
         attitude: of the body in the world.
+        confirm: probability from which it counts as resolved.
+        before: whether it was resolved.
     """
+    share = mixture.share_of(primary)
     overhead = abs(dot(primary.direction, (attitude[0][2], attitude[1][2], attitude[2][2]))) > OVERHEAD
-    return min(mixture.share_of(primary), 1.0 if overhead else max(front, 1.0 - front))
+    return min(share, 1.0 if overhead else max(front, 1.0 - front)) >= confirm or (before and share >= RELEASE)
 
 
 def candidates(mixture: GaussianMixture, yaw: float, axis: Vector, confirm: float) -> list[Candidate]:

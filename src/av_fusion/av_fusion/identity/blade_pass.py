@@ -49,7 +49,7 @@ class BladePassFrequency:
         if self._measured and seconds > 0.0:
             kept = math.exp(-seconds / FORGOTTEN_S)
             spread = smoothed(self._density, math.sqrt(DIFFUSION * seconds) / STEP)
-            self._density = kept * spread / spread.sum() + (1.0 - kept) / len(GRID)
+            self._density = kept * spread / np.add.reduce(spread) + (1.0 - kept) / len(GRID)
 
     def fits(self, likelihoods: NDArray[np.float64]) -> NDArray[np.float64]:
         """Likelihood (m,) of each measurement under this density, relative to any frequency; see `fundamental_likelihoods`."""
@@ -65,9 +65,9 @@ class BladePassFrequency:
         """
         tempered = likelihoods**fraction
         posteriors = self._density * tempered / self.fits(tempered)[:, None]
-        self._density = (1.0 - shares.sum()) * self._density + shares @ posteriors
-        self._density /= self._density.sum()
-        self._measured = self._measured or bool(np.any((shares > 0.5) & (np.ptp(likelihoods, axis=1) > 0.0)))
+        self._density = (1.0 - np.add.reduce(shares)) * self._density + shares @ posteriors
+        self._density /= np.add.reduce(self._density)
+        self._measured = self._measured or bool(((shares > 0.5) & (likelihoods[:, 0] != 1.0)).any())
 
     def type_of(self, types: Mapping[str, float]) -> str:
         """The most probable type of drone; empty where none is more probable than not.

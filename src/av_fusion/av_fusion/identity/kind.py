@@ -69,8 +69,9 @@ class Kind:
         Parameters:
             probabilities: that each source is a drone, by this window alone with an even prior; NaN where unknown.
         """
-        own, heard = self.drone, np.asarray(probabilities, dtype=float)
-        return np.nan_to_num(2.0 * (own * heard + (1.0 - own) * (1.0 - heard)), nan=1.0)
+        own, heard = self.drone, np.array(probabilities)
+        fits = 2.0 * (own * heard + (1.0 - own) * (1.0 - heard))
+        return np.where(np.isnan(fits), 1.0, fits)
 
     def note(self, sensor: Source, probabilities: Sequence[float], shares: Sequence[float]) -> None:
         """Add looks.

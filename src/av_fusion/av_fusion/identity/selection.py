@@ -59,7 +59,7 @@ class Selection:
 
     def choose(self, targets: Sequence[Target]) -> int:
         """The id of the target to follow of all that are tracked, 0 where there is none."""
-        if any(target.id == self._wanted for target in targets):
+        if self._wanted in [target.id for target in targets]:
             self._followed = self._wanted
             return self._followed
         self._wanted = 0

@@ -7,14 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
+from av_common.frames import FLU_TO_OPTICAL, attitude_of, is_orientation
 from av_common.gimbal_history import GimbalHistory
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
-from av_fusion.measurement.geometry import detections_in_body, doa_in_body, image_in_body
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
+from av_fusion.measurement.geometry import detections_in_body, doa_in_body
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
+from av_fusion.measurement.vectors import ZERO, Vector, rows_of
 from av_interfaces.msg import DoaArray
 from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
 
@@ -83,10 +87,11 @@ class MeasurementConverter:
         self.camera = self._cameras[frame]
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
-        """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
+        """One measurement for each plausible ambiguity group, most confident first; none if the array's frame is unknown."""
         header = message.header
         rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
-        return [] if rotation is None else doa_in_body(message, rotation)
+        found = [] if rotation is None else doa_in_body(message, rotation)
+        return [usable for usable in map(usable_doa, found) if usable is not None]
 
     def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.
@@ -103,7 +108,9 @@ class MeasurementConverter:
         rotation = self._rotation_of(message.header.frame_id, time)
         if rotation is None:
             return None
-        return image_in_body(time, camera, self._detections(message, camera, rotation), rotation, visibility)
+        return usable_camera(CameraMeasurement(
+            time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad,
+            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL)))
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []
@@ -132,3 +139,19 @@ def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     half = 0.5 * np.maximum(boxes[:, 2:4], 1.0)
     corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
     return boxes[suppress(corners, boxes[:, 4], NMS_IOU, NMS_NESTED)]
+
+
+def pose_of(message: Odometry) -> Pose | None:
+    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU); None without attitude."""
+    attitude, twist, position = attitude_of(message.pose.pose.orientation), message.twist.twist, message.pose.pose.position
+    if not is_orientation(attitude):
+        return None
+    return Pose(to_seconds(message.header.stamp), attitude,
+                _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO,
+                _usable(position, math.inf))
+
+
+def _usable(message: Any, limit: float) -> Vector | None:
+    """A vector of three finite values within +-limit, else None: an estimator may know the attitude alone."""
+    vector = message.x, message.y, message.z
+    return vector if all(math.isfinite(value) and abs(value) <= limit for value in vector) else None

@@ -15,7 +15,6 @@ from av_fusion.measurement.measurements import (
     COSINE_TOLERANCE,
     LEAST_LEVEL,
     UNIT_TOLERANCE,
-    CameraMeasurement,
     Cone,
     Detection,
     DoaMeasurement,
@@ -55,8 +54,8 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         if cone is not None and math.hypot(axis[0], axis[1]) < LEVEL:
             hypotheses: tuple[Hypothesis, ...] = cone.images()  # the array's level images are not level in the body
         else:
-            hypotheses = tuple(_hypothesis_of(rows, member) for member in members)
-        confidence = max(member.confidence for member in members)
+            hypotheses = tuple([_hypothesis_of(rows, member) for member in members])
+        confidence = max([member.confidence for member in members])
         sound = members[0]
         judged, known = 0.0 < sound.drone_probability <= 1.0, 0.0 < sound.fundamental < math.inf
         measurements.append(DoaMeasurement(
@@ -85,34 +84,16 @@ def _hypothesis_of(rows: Rows, doa: Doa) -> Hypothesis:
     return Hypothesis(azimuth, across, elevation, doa.elevation_variance)
 
 
-def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
-                   rotation: NDArray[np.float64], visibility: float = math.nan, model: BearingModel | None = None
-                   ) -> CameraMeasurement:
-    """The measurement of one image.
+def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
+                       rotation: NDArray[np.float64]) -> list[Detection]:
+    """The boxes of an image as directions.
 
     Parameters:
-        time (s): capture time.
         camera: intrinsics of the camera.
         centres, sizes (n, 2; pixels), scores (n,): boxes of the detections.
         rotation (3, 3): turns vectors of the camera's optical frame into the body frame.
-        visibility: visibility 0..1, NaN if unknown.
-        model: errors of boxes.
     """
-    found = detections_in_body(camera, centres, sizes, scores, rotation, model)
-    return image_in_body(time, camera, tuple(found), rotation, visibility)
-
-
-def image_in_body(time: float, camera: PinholeCamera, detections: tuple[Detection, ...], rotation: NDArray[np.float64],
-                  visibility: float) -> CameraMeasurement:
-    """The measurement of one image whose detections are directions already; arguments as for `camera_in_body`."""
-    return CameraMeasurement(time, detections, 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad, visibility,
-                             rows_of(rotation @ camera.view @ FLU_TO_OPTICAL))
-
-
-def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
-                       rotation: NDArray[np.float64], model: BearingModel | None = None) -> list[Detection]:
-    """The boxes of an image as directions; arguments as for `camera_in_body`."""
-    bearings = bearings_of_boxes(camera, centres, sizes, scores, model or BearingModel())
+    bearings = bearings_of_boxes(camera, centres, sizes, scores, BearingModel())
     rows = rows_of(rotation @ FLU_TO_OPTICAL)
     columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
     detections = []

@@ -22,12 +22,12 @@ def free_factors(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> ND
             relative to clutter.
         others (m,): likelihood, relative to clutter, that a measurement stems from none of the targets; at least 1.
     """
-    free = np.broadcast_to(1.0 / others, ratios.shape)
+    free = np.zeros(ratios.shape) + 1.0 / others
     for _ in range(ITERATIONS):
         claimed = ratios * free
-        claims = ratios / (1.0 + claimed.sum(axis=1, keepdims=True) - claimed)
-        previous, free = free, 1.0 / (others + claims.sum(axis=0) - claims)
-        if np.all(np.abs(free - previous) <= TOLERANCE * free):
+        claims = ratios / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True) - claimed)
+        previous, free = free, 1.0 / (others + np.add.reduce(claims) - claims)
+        if (abs(free - previous) <= TOLERANCE * free).all():
             break
     return free
 
@@ -35,7 +35,7 @@ def free_factors(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> ND
 def association_probabilities(ratios: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
     """Marginal probabilities (t, m) that measurements stem from targets; see `free_factors` for the arguments."""
     claimed = ratios * free
-    return claimed / (1.0 + claimed.sum(axis=1, keepdims=True))
+    return claimed / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True))
 
 
 def unclaimed(ratios: NDArray[np.float64], free: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,5 +46,5 @@ def unclaimed(ratios: NDArray[np.float64], free: NDArray[np.float64], others: ND
         free (t, m): the free factors.
     """
     claimed = ratios * free
-    claims = ratios / (1.0 + claimed.sum(axis=1, keepdims=True) - claimed)
-    return np.asarray(others / (others + claims.sum(axis=0)))
+    claims = ratios / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True) - claimed)
+    return np.asarray(others / (others + np.add.reduce(claims)))

@@ -306,12 +306,12 @@ class GaussianComponent:
     def in_body(self, attitude: Rows) -> BodyDirection:
         """The direction in the body frame."""
         azimuth, elevation = angles_of(turned_back(attitude, self.direction))
-        left, above = (turned(attitude, axis) for axis in tangents(azimuth, elevation))
         across, up = tangents(self.azimuth, self.elevation)
         (hh, hv), (_, vv) = self.covariance[:2, :2].tolist()
         variances = []
-        for axis in (left, above):
-            h, v = dot(axis, across), dot(axis, up)
+        for axis in tangents(azimuth, elevation):
+            along = turned(attitude, axis)
+            h, v = dot(along, across), dot(along, up)
             variances.append(h * h * hh + 2.0 * h * v * hv + v * v * vv)
         level = max(math.cos(elevation) ** 2, 1e-9)
         return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),

@@ -23,7 +23,6 @@ from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
 from av_fusion.tracks.track import Track
 
-USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
 LOOK_S = 1.0  # of sound, by which `Doa.drone_probability` is judged
 
 
@@ -68,9 +67,9 @@ class MultiBernoulliFilter:
 
         Parameters:
             time (s): its capture time.
-            measurements: directions in the body frame, of different sources; none where nothing was heard.
+            measurements: directions in the body frame, of different sources; at least one.
         """
-        length = max([one.window for one in measurements], default=USUAL_WINDOW_S)
+        length = max([one.window for one in measurements])
         fraction = effective_sample_fraction(time, self.newest_doa, length)
         look = effective_sample_fraction(time, self.newest_doa, LOOK_S)
         elapsed = max(time - self.newest_doa, 0.0)
@@ -81,11 +80,7 @@ class MultiBernoulliFilter:
             track.predict_heard(elapsed)
             track.blade_pass.predict(elapsed)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
-        if heard:
-            self._use_sound(time, measurements, heard, places, fraction, look, min(elapsed, LOOK_S))
-        else:
-            for track in self.tracks:
-                track.miss_sound(fraction)
+        self._use_sound(time, measurements, heard, places, fraction, look, min(elapsed, LOOK_S))
         self._reduce(time)
 
     def _use_sound(self, time: float, measurements: Sequence[DoaMeasurement], heard: Sequence[Hearing],
@@ -100,7 +95,7 @@ class MultiBernoulliFilter:
                            for track, each in zip(self.tracks, compared, strict=True)]).reshape(shape)
         voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
                           ).reshape(shape)
-        voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are excluded
+        voices /= np.maximum.reduce(voices, initial=1.0)  # an echo sounds alike: only other targets are excluded
         odds = self._settings.undetected * np.array([one.odds for one in heard])
         free = free_factors(ratios * voices, 1.0 + odds)
         shares = association_probabilities(ratios * voices, free)
@@ -109,7 +104,7 @@ class MultiBernoulliFilter:
             if each:
                 track.use_sound(time, each, gains * factors, fraction)
             track.blade_pass.update(fundamentals, row, fraction)
-            track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(row.sum()))
+            track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(np.add.reduce(row)))
         self._note_told_apart(shares)
         for j, existence in enumerate((fraction * new).tolist()):
             begun = self._begin(time, heard[j].births, existence)

@@ -56,7 +56,7 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
         motion: attitude of the rig.
     """
     floor = settings.sound_floor_sigma**2
-    variance = min(h.across_variance for h in measurement.hypotheses) + floor
+    variance = min([h.across_variance for h in measurement.hypotheses]) + floor
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(tau * variance) / UNIFORM_DENSITY
     attitude, cone = motion.attitude(time), measurement.cone
     if cone is None:
@@ -69,13 +69,10 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
 
 def _hear_cone(cone: Cone, axis: Vector, fraction: float, settings: FilterSettings
                ) -> tuple[DoaLikelihood, list[BirthComponent]]:
-    """A cone about an axis in the world; both images are where it meets the likely elevations of the sky."""
+    """A cone about an axis in the world."""
     model, variance = settings.model, cone.variance + settings.sound_floor_sigma**2 * cone.slope_squared
-    heard = WorldCone(axis, cone.cosine, variance)
-    images = heard.sky_images(model.usual_elevation, model.usual_elevation_variance)
-    births = [BirthComponent(image.azimuth, image.elevation, image.hh, image.hv, image.vv,
-                             1.0 / len(images)) for image in images]
-    return heard._replace(variance=variance / fraction), births
+    births = WorldCone(axis, cone.cosine, variance).births(model.usual_elevation, model.usual_elevation_variance)
+    return WorldCone(axis, cone.cosine, variance / fraction), births
 
 
 def _hear_directions(measurement: DoaMeasurement, attitude: Rows, floor: float, fraction: float, settings: FilterSettings

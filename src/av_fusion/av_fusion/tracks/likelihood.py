@@ -13,9 +13,8 @@ from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hyp
 from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.past_state import PastState, Row
-
-TOLERANCE = math.radians(3.0)  # of an elevation beyond its variance: targets climb faster than they turn
 
 
 class Deviation(NamedTuple):
@@ -26,24 +25,22 @@ class Deviation(NamedTuple):
         innovations (k,): measured minus predicted value, in each mode of motion.
         totals (k,): variance of the innovation.
         noise: the measurement's part of it.
-        tolerance: variance by which larger innovations are expected.
     """
 
     row: Row
     innovations: NDArray[np.float64]
     totals: NDArray[np.float64]
     noise: float
-    tolerance: float = 0.0
 
     @classmethod
-    def of(cls, past: PastState, row: Row, innovation: float, noise: float, tolerance: float = 0.0) -> Deviation:
+    def of(cls, past: PastState, row: Row, innovation: float, noise: float) -> Deviation:
         """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
-        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise, tolerance)
+        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
 
     @property
     def distances(self) -> NDArray[np.float64]:
         """Square of the innovation in standard deviations, (k,)."""
-        return self.innovations**2 / (self.totals + self.tolerance)
+        return self.innovations**2 / self.totals
 
 
 def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
@@ -97,7 +94,7 @@ class WorldDirection(NamedTuple):
         across, up = (h / norm, v / norm), (-v / norm, h / norm)
         x, y = past.offset(self.vector)
         return (Deviation.of(past, across, across[0] * x + across[1] * y, self.across_variance),
-                Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance, TOLERANCE**2))
+                Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance))
 
     def _beside(self, past: PastState) -> Deviation:
         """The deviation from the half of a great circle through the sensor's vertical, on which all elevations lie."""
@@ -156,8 +153,8 @@ class WorldCone(NamedTuple):
         means, variances, row = expected_cosine(past, self.axis)
         return Deviation(row, self.cosine - means, variances + self.variance, self.variance)
 
-    def sky_images(self, elevation: float, variance: float) -> list[SkyImage]:
-        """Where the cone meets the likely elevations of the sky, clockwise of the axis first.
+    def births(self, elevation: float, variance: float) -> list[BirthComponent]:
+        """Both images: where the cone meets the likely elevations of the sky, clockwise of the axis first.
 
         None for an axis that is close to the vertical, whose cone meets all azimuths.
 
@@ -179,21 +176,10 @@ class WorldCone(NamedTuple):
         images = []
         for side in (-1.0, 1.0):
             slope = -side * to_elevation / steepness  # of the azimuth by elevation
-            images.append(SkyImage(math.remainder(azimuth + side * apart, math.tau), elevation,
-                                   (noise / steepness**2 + slope * slope * variance) * cosine**2,
-                                   slope * variance * cosine, variance, side))
+            images.append(BirthComponent(math.remainder(azimuth + side * apart, math.tau), elevation,
+                                         (noise / steepness**2 + slope * slope * variance) * cosine**2,
+                                         slope * variance * cosine, variance, 0.5))
         return images
-
-
-class SkyImage(NamedTuple):
-    """A direction (rad, world) on a cone, its covariance (rad^2) across and up, and its side of the axis (-1 or 1)."""
-
-    azimuth: float
-    elevation: float
-    hh: float
-    hv: float
-    vv: float
-    side: float
 
 
 def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64], Row]:

@@ -42,7 +42,7 @@ class FilterSettings:
     detection_probability: float = 0.9
     sight_correlation: float = 0.3
     assumed_visibility: float = 0.0
-    undetected: float = 0.2
+    undetected: float = 0.05
     least_existence: float = 0.002
     confirmed: float = 0.5
     duplicate_time: float = 10.0

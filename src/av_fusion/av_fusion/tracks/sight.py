@@ -15,8 +15,6 @@ from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.likelihood import Deviation, WorldDirection, distances, share_within
 from av_fusion.tracks.past_state import PastState
 
-LARGEST_ODDS = 99.0  # that a detection is the target
-
 
 class Image(NamedTuple):
     """An image in the world.
@@ -109,5 +107,5 @@ def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMe
 
 def odds_of(detection: Detection) -> float:
     """Odds that a detection is the target."""
-    return min(detection.score / max(1.0 - detection.score, 0.01), LARGEST_ODDS)
+    return detection.score / max(1.0 - detection.score, 0.01)
 

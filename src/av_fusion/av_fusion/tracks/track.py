@@ -57,6 +57,7 @@ class Track:
         time (s): for which the density is valid.
         mixture: the density.
         kind, blade_pass: what it is, and the blade-pass frequency of its sound.
+        resolved: whether front and back are resolved, as of the newest estimate.
         score: of the detection that supports it in the newest image, 0 for none.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
 
@@ -74,7 +75,7 @@ class Track:
         self.id, self.began, self.time = identifier, time, time
         self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2)
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
-        self.score = 0.0
+        self.score, self.resolved = 0.0, False
         self.told_apart: dict[int, float] = {}
         self._anchor: tuple[Vector, Vector] | None = None  # direction from which it is heard while static, and the rig's place
 
@@ -82,12 +83,6 @@ class Track:
     def existence(self) -> float:
         """Probability that the target exists."""
         return min(max(1.0 - self.mixture.absent, 0.0), 1.0)
-
-    @property
-    def measured(self) -> float:
-        """Capture time (s) of the newest measurement that supports its direction; -inf without one."""
-        primary = self.mixture.primary()
-        return -math.inf if primary is None else primary.measured
 
     @property
     def heard(self) -> float:
@@ -186,15 +181,6 @@ class Track:
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
             update_by_sound(time, directions, shares)
-            component.weight *= total
-        self.mixture.reduce()
-
-    def miss_sound(self, fraction: float) -> None:
-        """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""
-        missed = (1.0 - self._settings.sound_detection_probability) ** fraction
-        for component in self.mixture.components:
-            total = component.p_unheard + (1.0 - component.p_unheard) * missed
-            component.p_unheard /= total
             component.weight *= total
         self.mixture.reduce()
 

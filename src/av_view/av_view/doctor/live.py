@@ -28,9 +28,8 @@ from av_common.rig import Rig
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.consistency.monitor import ConsistencyMonitor
-from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
+from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations, pose_of
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
-from av_fusion.measurement.odometry import pose_of
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState

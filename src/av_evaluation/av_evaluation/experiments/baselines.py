@@ -9,7 +9,7 @@ import numpy as np
 
 from av_common.angles import wrap
 from av_common.track import Source
-from av_fusion.plain.tracker import PlainTracker
+from av_fusion.plain_tracker import PlainTracker
 
 DENSITY = 0.02  # rad^2/s^3, of the white angular acceleration; one choice for all experiments, as the published filter's
 NOISE = {Source.SOUND: math.radians(4.0) ** 2, Source.SIGHT: math.radians(1.0) ** 2}  # rad^2, whatever the measurement says

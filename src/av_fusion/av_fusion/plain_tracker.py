@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from av_common.angles import wrap
 from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.disambiguation.rotation import RotationPlanner
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
 FORGET_S = 3.0  # without a measurement for so long, there is no track
@@ -69,7 +69,7 @@ class PlainTracker:
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
-        for measurement in filter(None, map(usable_doa, measurements)):
+        for measurement in measurements:
             yaw, known = self.motion.yaw(measurement.time), self.predict(measurement.time)
             expected = 0.0 if known is None else known[0] - yaw
             nearest = min(measurement.hypotheses, key=lambda one: abs(wrap(one.azimuth - expected)))
@@ -77,10 +77,10 @@ class PlainTracker:
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`."""
-        usable = usable_camera(measurement)
-        if usable is not None and usable.best is not None and usable.best.score >= self.tau:
-            azimuth = usable.best.azimuth + self.motion.yaw(usable.time)
-            self._use(usable.time, azimuth, usable.best.across_variance, Source.SIGHT)
+        best = measurement.best
+        if best is not None and best.score >= self.tau:
+            azimuth = best.azimuth + self.motion.yaw(measurement.time)
+            self._use(measurement.time, azimuth, best.across_variance, Source.SIGHT)
 
     def _use(self, time: float, azimuth: float, variance: float, source: Source) -> None:
         self._newest[source] = max(self._newest[source], time)

@@ -19,12 +19,10 @@ from av_fusion.measurement.measurements import (
     Detection,
     DoaMeasurement,
     Hypothesis,
-    usable_camera,
-    usable_doa,
 )
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import angles, direction, turned, turned_back
-from av_fusion.plain.tracker import FORGET_S, PlainTracker
+from av_fusion.plain_tracker import FORGET_S, PlainTracker
 from av_fusion.state_machine import StateMachine
 from av_fusion.tracks.likelihood import share_within
 
@@ -85,13 +83,10 @@ class GatedTracker(PlainTracker):
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`; only the detection of highest score is used."""
-        usable = usable_camera(measurement)
-        if usable is None:
-            return
-        time, best = usable.time - self._sight_delay, usable.best
+        time, best = measurement.time - self._sight_delay, measurement.best
         if self._detection is not None and time < self._detection[0]:
             return  # late: a newer one is known
-        self._visibility = usable.visibility
+        self._visibility = measurement.visibility
         self.machine.on_image(time, best.score if best else 0.0)
         if best and best.score >= self.machine.tau:
             self._detection, self._newest[Source.SIGHT] = (time, best), time
@@ -104,10 +99,7 @@ class GatedTracker(PlainTracker):
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """Use one direction of arrival; one of the mirror images is chosen."""
-        usable = usable_doa(measurement)
-        if usable is None:
-            return
-        time, images = usable.time - self._sound_delay, usable.hypotheses
+        time, images = measurement.time - self._sound_delay, measurement.hypotheses
         if self._direction is not None and time < self._direction[0]:
             return
         yaw = self.motion.yaw(time)
@@ -124,7 +116,7 @@ class GatedTracker(PlainTracker):
             chosen = min(range(len(world)), key=lambda k: abs(float(wrap(world[k] - known))))
             self._unambiguous = (time, world[chosen])
         self._direction, self._newest[Source.SOUND] = (time, images[chosen]), time
-        self.machine.on_doa(time, usable.confidence)
+        self.machine.on_doa(time, measurement.confidence)
 
     def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
         return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]

@@ -1,1 +1,0 @@
-"""The published confidence-gated switch."""
