@@ -17,7 +17,7 @@ from av_fusion.measurement.vectors import Rows, Vector
 from av_fusion.tracks.association import association_probabilities, free_factors, unclaimed
 from av_fusion.tracks.component import ASSOCIATED
 from av_fusion.tracks.component_merging import are_mergeable
-from av_fusion.tracks.hearing import Hearing, birth_of, hear
+from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
@@ -51,6 +51,7 @@ class MultiBernoulliFilter:
         """Discard all tracks; their ids are not used again."""
         self.tracks: list[Track] = []
         self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
+        self._undetected = self._settings.undetected_first
 
     def turn_world(self, rows: Rows) -> None:
         """Turn all tracks with the world, where the rig's attitude was corrected."""
@@ -81,6 +82,7 @@ class MultiBernoulliFilter:
             track.blade_pass.predict(elapsed)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         self._use_sound(time, measurements, heard, places, fraction, look, min(elapsed, LOOK_S))
+        self._detect(self._settings.sound_detection_probability, fraction)
         self._reduce(time)
 
     def _use_sound(self, time: float, measurements: Sequence[DoaMeasurement], heard: Sequence[Hearing],
@@ -96,7 +98,7 @@ class MultiBernoulliFilter:
         voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
                           ).reshape(shape)
         voices /= np.maximum.reduce(voices, initial=1.0)  # an echo sounds alike: only other targets are excluded
-        odds = self._settings.undetected * np.array([one.odds for one in heard])
+        odds = self._undetected * np.array([one.odds for one in heard])
         free = free_factors(ratios * voices, 1.0 + odds)
         shares = association_probabilities(ratios * voices, free)
         new = unclaimed(ratios * voices, free, 1.0 + odds) * odds / (1.0 + odds)
@@ -131,7 +133,7 @@ class MultiBernoulliFilter:
         compared = [track.compare_image(image, place) for track, place in zip(self.tracks, places, strict=True)]
         ratios = np.array([track.image_ratios(each, len(detections))
                            for track, each in zip(self.tracks, compared, strict=True)]).reshape(len(compared), len(detections))
-        odds = settings.undetected * np.array([odds_of(detection) for detection in detections])
+        odds = self._undetected * np.array([odds_of(detection) for detection in detections])
         free = free_factors(ratios, 1.0 + odds)
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             track.use_image(image, each, factors)
@@ -149,6 +151,8 @@ class MultiBernoulliFilter:
                     begun.mixture.note_measured(seen=time)
                     begun.score = detection.score
                     begun.note_kind(Source.SIGHT, [detection.score], [clear])
+        view_share = 2.0 * measurement.half_view * UNIFORM_DENSITY
+        self._detect(view_share * settings.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
     def _begin(self, time: float, births: Sequence[BirthComponent], existence: float) -> Track | None:
@@ -159,6 +163,11 @@ class MultiBernoulliFilter:
         track = Track(self._newest_id, time, births, existence, self._settings, self._motion)
         self.tracks.append(track)
         return track
+
+    def _detect(self, probability: float, fraction: float) -> None:
+        """Fewer targets are left that were not detected, although they could have been."""
+        usual = self._settings.undetected
+        self._undetected = usual + (self._undetected - usual) * (1.0 - probability) ** fraction
 
     def _note_told_apart(self, shares: NDArray[np.float64]) -> None:
         """Note which tracks have different measurements of one scan, by the probabilities (t, m) that they are theirs."""

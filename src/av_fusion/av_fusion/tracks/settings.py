@@ -23,7 +23,7 @@ class FilterSettings:
         detection_probability: probability that a visible target in view is detected.
         sight_correlation (s): correlation time of the errors of successive images.
         assumed_visibility: visibility (0..1) of images without one.
-        undetected: expected number of targets in the sky that were not detected.
+        undetected_first, undetected: expected number of targets in the sky that were not detected, at first and later on.
         least_existence: a track of smaller existence probability ends, and none begins: an unlikely source in one of five
             windows that overlap.
         confirmed: existence probability from which a track is reported.
@@ -42,6 +42,7 @@ class FilterSettings:
     detection_probability: float = 0.9
     sight_correlation: float = 0.3
     assumed_visibility: float = 0.0
+    undetected_first: float = 1.0
     undetected: float = 0.05
     least_existence: float = 0.002
     confirmed: float = 0.5
