@@ -25,6 +25,7 @@ from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import InputGate
+from av_fusion.measurement.measurements import usable_doas
 from av_fusion.observer import FusionObserver
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import make_tracker
@@ -276,6 +277,7 @@ class FusionStage:
         measurements = self.converter.doa(message)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
+        measurements = usable_doas(measurements)
         if self.consistency is not None:
             self.consistency.add_doas(measurements)
         self.tracker.add_doas(measurements)

@@ -16,8 +16,8 @@ from av_fusion.tracks.track import Track as FilterTrack
 class Tracker(Protocol):
     """Estimates the bearing of a target: of the one that is followed where there are several.
 
-    Measurements are plausible, as `MeasurementConverter` gives them; they may arrive late and out of order. Times are capture
-    times in s.
+    Measurements are plausible (`usable_doas`, `usable_camera`); they may arrive late and out of order. Times are capture times
+    in s.
     """
 
     @property

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.tracker_protocol import Tracker
 
@@ -48,7 +48,7 @@ class MeasurementRecord:
 
     def with_directions(self, directions: Sequence[DoaMeasurement]) -> MeasurementRecord:
         """The record with other directions of arrival in the place of the rig's own, each where its window ends."""
-        waiting = sorted(directions, key=_end, reverse=True)
+        waiting = sorted(usable_doas(directions), key=_end, reverse=True)
         events: list[Event] = []
         for event in self.events:
             if isinstance(event, DoaMeasurement):

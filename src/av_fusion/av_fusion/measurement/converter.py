@@ -16,7 +16,7 @@ from av_common.gimbal_history import GimbalHistory
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, usable_camera
 from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
 from av_fusion.measurement.vectors import ZERO, Vector, rows_of
 from av_interfaces.msg import DoaArray
@@ -87,11 +87,10 @@ class MeasurementConverter:
         self.camera = self._cameras[frame]
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
-        """One measurement for each plausible ambiguity group, most confident first; none if the array's frame is unknown."""
+        """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
         header = message.header
         rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
-        found = [] if rotation is None else doa_in_body(message, rotation)
-        return [usable for usable in map(usable_doa, found) if usable is not None]
+        return [] if rotation is None else doa_in_body(message, rotation)
 
     def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.

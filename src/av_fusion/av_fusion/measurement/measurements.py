@@ -8,6 +8,7 @@ times in s. Named tuples, because thousands are made each second of a replay.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple, TypeVar
 
 from av_fusion.measurement.vectors import IDENTITY, Rows, Vector, angles, dot
@@ -164,6 +165,11 @@ def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
     if measurement.cone is not None:  # its images are usable together or not at all
         return measurement if kept == measurement.hypotheses and _is_usable_cone(measurement.cone) else None
     return measurement if kept == measurement.hypotheses else measurement._replace(hypotheses=kept)
+
+
+def usable_doas(measurements: Iterable[DoaMeasurement]) -> list[DoaMeasurement]:
+    """The measurements of which something plausible is left, see `usable_doa`."""
+    return [usable for usable in map(usable_doa, measurements) if usable is not None]
 
 
 def usable_camera(measurement: CameraMeasurement) -> CameraMeasurement | None:

@@ -29,7 +29,7 @@ from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations, pose_of
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import direction
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
@@ -146,8 +146,7 @@ class LiveCheck:
         """Take the directions of a window; whatever sounds is what the person does."""
         found = [one._replace(drone_probability=math.nan) for one in self._converter.doa(message)]
         self.observed.heard += found[:1]
-        if found:
-            self._monitor.add_doas(found)
+        self._monitor.add_doas(usable_doas(found))
         self._monitor.advance(to_seconds(message.header.stamp))
 
     def on_odometry(self, message: Odometry) -> None:
