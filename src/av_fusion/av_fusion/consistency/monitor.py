@@ -277,7 +277,7 @@ class ConsistencyMonitor:
 
     def _decide(self, bank: FilterBank, posterior: NDArray) -> None:
         faults = np.argsort(-posterior[1:]) + 1
-        wrong = max(float(posterior[1:].sum()), 1e-300)
+        wrong = max(float(np.add.reduce(posterior[1:])), 1e-300)
         chance = self._odds * float(posterior[0]) / wrong  # bound of the probability of such a ratio, where nothing is wrong
         if chance < SUSPECTED:
             likelihood = posterior / [h.prior for h in bank.hypotheses]

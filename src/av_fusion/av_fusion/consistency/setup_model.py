@@ -323,8 +323,8 @@ class FilterBank:
 
     def posterior(self) -> NDArray:
         """Probabilities (h) of the hypotheses."""
-        weights = np.exp(self.evidence - self.evidence.max())
-        return np.asarray(weights / weights.sum())
+        weights = np.exp(self.evidence - np.maximum.reduce(self.evidence))
+        return np.asarray(weights / np.add.reduce(weights))
 
     def _seen(self, rays: NDArray, event: SightEvent, focal: NDArray) -> tuple[NDArray, NDArray]:
         """Azimuths and elevations (ALONE + h, n) of rays (n, 3) in the level body, by each hypothesis."""

@@ -67,7 +67,7 @@ class BladePassFrequency:
         posteriors = self._density * tempered / self.fits(tempered)[:, None]
         self._density = (1.0 - np.add.reduce(shares)) * self._density + shares @ posteriors
         self._density /= np.add.reduce(self._density)
-        self._measured = self._measured or bool(((shares > 0.5) & (likelihoods[:, 0] != 1.0)).any())
+        self._measured = self._measured or bool(np.logical_or.reduce((shares > 0.5) & (likelihoods[:, 0] != 1.0)))
 
     def type_of(self, types: Mapping[str, float]) -> str:
         """The most probable type of drone; empty where none is more probable than not.

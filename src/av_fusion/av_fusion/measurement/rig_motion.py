@@ -73,6 +73,7 @@ class RigMotion:
 
     Attributes:
         jumps: number of jumps.
+        newest (s): time of the newest pose, -inf before the first.
         is_frozen: the attitude does not follow its own rates; until it turns again, so that it is so between two turns, too.
 
     Parameters:
@@ -88,7 +89,7 @@ class RigMotion:
     def restart(self) -> None:
         """Forget all poses."""
         self._poses.clear()
-        self._last = Pose(-math.inf)
+        self.newest, self._last = -math.inf, Pose(-math.inf)
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
         self.is_frozen = False
         self._jumped, self._jump = -math.inf, ''
@@ -116,7 +117,7 @@ class RigMotion:
                 rate, jump = self._checked(pose, rate, dt)
             path = combined(1.0, self._poses.entries[-1][1].path, dt if dt <= KNOWN_S else 0.0, mean)
         self._poses.add(pose.time, _Stored(pose.attitude, rate, velocity, path))
-        self._last = pose
+        self.newest, self._last = pose.time, pose
         return jump
 
     def _velocities(self, pose: Pose, velocity: Vector, dt: float) -> tuple[Vector, Vector]:
@@ -172,11 +173,6 @@ class RigMotion:
     def _notice(self, time: float, what: str) -> None:
         self._jumped, self._jump = time, what
         self.jumps += 1
-
-    @property
-    def newest(self) -> float:
-        """Time of the newest pose, -inf before the first."""
-        return self._poses.newest
 
     @property
     def position(self) -> Vector | None:
@@ -245,8 +241,9 @@ class RigMotion:
         """Displacement (m) of the rig in the world since the first pose, at `time` (s)."""
         if not self._poses.entries:
             return ZERO
-        first, second, share = self._poses.around(time)
         ahead = time - self.newest
         if ahead >= 0.0:
-            return combined(1.0, second.path, min(ahead, KNOWN_S), second.velocity)
+            _, newest = self._poses.entries[-1]
+            return combined(1.0, newest.path, min(ahead, KNOWN_S), newest.velocity)
+        first, second, share = self._poses.around(time)
         return combined(1.0 - share, first.path, share, second.path)
