@@ -130,7 +130,8 @@ class TestCommands:
         found = {tuple(line.split()) for line in result.stdout.splitlines()}
         for package in PACKAGES:
             setup = PROJECT / 'src' / package / 'setup.py'
-            for name, module, function in re.findall(r"'(\w+) = ([\w.]+):(\w+)'", setup.read_text() if setup.exists() else ''):
+            scripts = setup.read_text().partition("'console_scripts'")[2].partition(']')[0] if setup.exists() else ''
+            for name, module, function in re.findall(r"'(\w+) = ([\w.]+):(\w+)'", scripts):
                 assert (package, name) in found
                 assert callable(getattr(importlib.import_module(module), function))
 
