@@ -18,10 +18,9 @@ from av_evaluation.hearing.places import (
     REFLECTION_DELAY_S,
     REFLECTION_GAIN,
     REFLECTIONS,
-    TAIL_LEVEL,
-    TAIL_T60_S,
     Head,
     at_ears,
+    diffuse_tail,
     towards,
 )
 from av_evaluation.hearing.signals import RATE, load_clip
@@ -32,7 +31,7 @@ from av_pointing.stage import PointingStage
 from av_sim_bridge.vehicle import VehicleState
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
-STEP_S, TAIL_S = 0.05, 0.3
+STEP_S = 0.05
 RESPONSE = YawResponse(math.radians(60.0), math.radians(120.0))  # of the simulator's rigs
 STEADY = math.radians(20.0)  # rad/s
 SNR_DB = (10.0, 20.0)
@@ -57,12 +56,8 @@ class Ears:
         for _ in range(rng.integers(*REFLECTIONS)):
             self._paths.append((rng.uniform(-math.pi, math.pi), round(rng.uniform(*REFLECTION_DELAY_S) * head.rate),
                                 rng.uniform(*REFLECTION_GAIN)))
-        times = np.arange(round(TAIL_S * head.rate)) / head.rate
-        tail = rng.normal(size=(2, len(times))) * 10.0 ** (-3.0 * times / rng.uniform(*TAIL_T60_S))
-        tail[:, times < REFLECTION_DELAY_S[1]] = 0.0
-        energy = np.sum(head.responses[0] ** 2) / np.sum(tail**2)
-        self._tail = rng.uniform(*TAIL_LEVEL) * math.sqrt(energy) * tail
-        self._pending = np.zeros((len(times), 2))
+        self._tail = diffuse_tail(rng, head.responses[0], head.rate)
+        self._pending = np.zeros((self._tail.shape[1], 2))
         self._noise = at_ears(voice[:head.rate], head.responses[0]).std() * 10.0 ** (-0.05 * rng.uniform(*SNR_DB))
 
     def hear(self, begin: float, end: float) -> NDArray:

@@ -32,6 +32,7 @@ SETTLED_S = 0.8    # of sound before a window in a room
 REFLECTIONS = (1, 4)
 REFLECTION_DELAY_S = (0.0008, 0.02)
 REFLECTION_GAIN = (0.2, 0.7)
+TAIL_S = 0.3
 TAIL_T60_S = (0.2, 0.6)
 TAIL_LEVEL = (0.1, 0.6)
 
@@ -187,6 +188,21 @@ def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, fl
         return [microphone[0] for microphone in room.rir], array, float(axis @ away / np.linalg.norm(away))
 
 
+def diffuse_tail(rng: Generator, direct: NDArray, rate: int) -> NDArray:
+    """Late part (2, taps) of an impulse response, TAIL_S long: noise that decays and differs between the ears.
+
+    Parameters:
+        rng: random numbers.
+        direct (2, k): response of the direct sound, whose energy is the reference.
+        rate (Hz): sample rate.
+    """
+    times = np.arange(round(TAIL_S * rate)) / rate
+    tail = rng.normal(size=(2, len(times))) * 10.0 ** (-3.0 * times / rng.uniform(*TAIL_T60_S))
+    tail[:, times < REFLECTION_DELAY_S[1]] = 0.0
+    energy = np.sum(direct**2) / np.sum(tail**2)
+    return np.asarray(rng.uniform(*TAIL_LEVEL) * np.sqrt(energy) * tail)
+
+
 class Head:
     """Windows at the measured ears of KEMAR, calibrated at every other azimuth with white noise.
 
@@ -227,14 +243,10 @@ class Head:
     def _reverberant(self, rng: Generator, k: int) -> NDArray:
         """Responses (2, taps) of direction k with reflections from others, and a diffuse tail."""
         taps = self.responses.shape[2]
-        times = np.arange(round(0.3 * self.rate)) / self.rate
-        response = np.zeros((2, len(times)))
+        response = np.zeros((2, round(TAIL_S * self.rate)))
         response[:, :taps] = self.responses[k]
         for _ in range(rng.integers(*REFLECTIONS)):
             start = round(rng.uniform(*REFLECTION_DELAY_S) * self.rate)
             gain = rng.uniform(*REFLECTION_GAIN)
             response[:, start:start + taps] += gain * self.responses[rng.integers(len(self.azimuths))]
-        tail = rng.normal(size=response.shape) * 10.0 ** (-3.0 * times / rng.uniform(*TAIL_T60_S))
-        tail[:, times < REFLECTION_DELAY_S[1]] = 0.0
-        energy = np.sum(self.responses[k] ** 2) / np.sum(tail**2)
-        return response + rng.uniform(*TAIL_LEVEL) * np.sqrt(energy) * tail
+        return response + diffuse_tail(rng, self.responses[k], self.rate)
