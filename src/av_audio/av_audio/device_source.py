@@ -14,7 +14,7 @@ import numpy as np
 
 from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
-from av_audio.sample_clock import SampleClock
+from av_common.clock import SenderClock
 
 # A device without a block for this long is considered lost.
 LOST_AFTER_S = 1.5
@@ -23,6 +23,8 @@ OPEN_WITHIN_S = 15.0
 # The first blocks arrive in bursts and hold the transients of the converter: they initialise the clock only.
 WARM_UP_S = 0.5
 LONGEST_LOSS_S = 86_400.0    # a longer one is a step of the system's clock
+# The first blocks may be late by this, and the rate off by 2 %, of which the clock lags by a second.
+EARLY_S = 0.1
 
 
 class DeviceSource:
@@ -30,6 +32,9 @@ class DeviceSource:
 
     A separate process captures (see device_process). A thread reads its blocks, records the times of their arrival, and
     restarts the process when no blocks arrive. Lost samples appear as a gap of the sample index.
+
+    Attributes:
+        clock: dates blocks, whose stamps are their numbers of samples over the sample rate.
 
     Parameters:
         device: name, part of a name or index of the device; empty for the system's default.
@@ -49,7 +54,8 @@ class DeviceSource:
         self.sample_rate = sample_rate
         self.channels = len(picked)
         self.finished = False
-        self.clock = SampleClock(sample_rate)
+        self.clock = SenderClock(early=EARLY_S)
+        self._settled: tuple[float, float] | None = None    # time of a sample, and the clock's offset then (s)
         self.overflows = 0
         self.reopened = 0
         self.lost = False
@@ -78,7 +84,15 @@ class DeviceSource:
 
     def time_of(self, sample: int) -> float:
         """Capture time in s of a sample, on the clock `now`."""
-        return self.clock.time_of(sample)
+        return sample / self.sample_rate + self.clock.offset
+
+    @property
+    def ppm(self) -> float:
+        """Amount in parts per million by which the device's clock is slower than nominal, on average since it settled."""
+        if self._settled is None:
+            return 0.0
+        since, offset = self._settled
+        return 1e6 * (self.clock.offset - offset) / max(self._next_sample / self.sample_rate - since, 1.0)
 
     def _open(self) -> subprocess.Popen:
         process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -121,11 +135,14 @@ class DeviceSource:
         begin = self._now() - age
         self.overflows += overflowed
         if (overflowed or self.lost) and self._next_sample:
-            missing = min(begin - self.clock.time_of(self._next_sample), LONGEST_LOSS_S)
+            missing = min(begin - self.time_of(self._next_sample), LONGEST_LOSS_S)
             self._next_sample += max(0, round(missing * self.sample_rate))
         self.lost = False
-        self.clock.observe(self._next_sample, begin)
-        if self._next_sample >= WARM_UP_S * self.sample_rate and not self.clock.doubtful:
+        stamp, restarts = self._next_sample / self.sample_rate, self.clock.restarts
+        is_dated = self.clock.date(stamp, begin) is not None
+        if self.clock.settled and (self._settled is None or self.clock.restarts > restarts):
+            self._settled = stamp, self.clock.offset
+        if is_dated and stamp >= WARM_UP_S:
             self._buffer.write(samples, self._next_sample)
         self._next_sample += len(samples)
 

@@ -13,7 +13,6 @@ from av_audio.device_process import load_sounddevice
 from av_audio.device_source import DeviceSource
 from av_audio.localizer import Localizer
 from av_audio.ring_buffer import RingBuffer
-from av_audio.sample_clock import FAST_SLEW
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
@@ -100,7 +99,7 @@ def test_the_direction_of_played_sound_is_found_and_stamps_are_regular(card, sou
     stamps = np.array([stamp for _, _, stamp in blocks])
     # a machine that stalls may lose samples, which is counted, or deliver the first blocks late, to which times are slewed
     irregular = np.abs(np.diff(stamps) - np.diff(firsts) / RATE)
-    assert np.count_nonzero(irregular > FAST_SLEW * np.diff(firsts) / RATE + 1e-4) <= source[0].clock.restarts
+    assert np.count_nonzero(irregular > 0.02 * np.diff(firsts) / RATE + 1e-4) <= source[0].clock.restarts
     assert np.median(irregular) < 1e-4
     gaps = np.diff(firsts) - [len(samples) for _, samples, _ in blocks[:-1]]
     assert np.count_nonzero(gaps) <= source[0].overflows + source[0].reopened

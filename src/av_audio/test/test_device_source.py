@@ -1,6 +1,7 @@
 """What DeviceSource makes of the blocks of its capturing process, with a clock that is known."""
 
 import numpy as np
+import pytest
 
 from av_audio.device_process import HEADER
 from av_audio.device_source import DeviceSource
@@ -49,3 +50,50 @@ def test_a_block_that_only_comes_late_is_no_gap():
     firsts = [capture.take() for _ in range(60)]
     assert capture.take(later=0.3) == firsts[-1] + BLOCK
     assert capture.source.overflows == 0
+
+
+def times_of_blocks(seconds, ppm=0.0, late=lambda k, rng: rng.exponential(0.003)):
+    """A source whose blocks come late by some s; times (n,) of its blocks in s, and the true ones."""
+    rng, arrival = np.random.default_rng(0), [0.0]
+    source = DeviceSource('', RATE, now=lambda: arrival[0])
+    source._buffer = RingBuffer(2)
+    times, true = [], []
+    for k in range(round(seconds * RATE / BLOCK)):
+        true.append(1.7e9 + k * BLOCK / RATE * (1.0 + 1e-6 * ppm))
+        arrival[0] = true[-1] + BLOCK / RATE + late(k, rng)
+        source._take(HEADER.pack(BLOCK / RATE, False) + bytes(8 * BLOCK))
+        times.append(source.time_of(k * BLOCK))
+    return source, np.array(times), np.array(true)
+
+
+@pytest.mark.parametrize('ppm', [-120.0, 0.0, 85.0])
+@pytest.mark.parametrize('jitter_s', [0.0003, 0.003])
+def test_times_are_regular_and_drift_is_found(ppm, jitter_s):
+    source, times, true = times_of_blocks(120.0, ppm, lambda k, rng: rng.exponential(jitter_s))
+    settled = slice(len(times) // 2, None)
+    assert np.abs(np.diff(times) - BLOCK / RATE).max() < 2e-3 and np.abs(np.diff(times) - BLOCK / RATE)[60:].max() < 2e-4
+    assert np.abs((times - true)[settled]).max() < 1.5e-3
+    assert source.ppm == pytest.approx(ppm, abs=10.0)
+    assert source.clock.restarts == source.clock.refused == 0
+
+
+@pytest.mark.parametrize('rate', [0.98, 0.995, 1.0005, 1.02])
+def test_a_wrong_rate_is_found(rate):
+    source, times, true = times_of_blocks(60.0, 1e6 * (rate - 1.0), lambda k, rng: rng.exponential(0.002))
+    assert np.abs(times - true).max() < 0.03
+    assert source.clock.restarts == source.clock.refused == 0
+    assert source.ppm == pytest.approx(1e6 * (rate - 1.0), abs=600.0)
+
+
+@pytest.mark.parametrize('step', [-3600.0, -1e9, 60.0, 3600.0])
+def test_a_step_of_the_system_clock_is_followed_after_a_second(step):
+    source, times, true = times_of_blocks(20.0, late=lambda k, rng: step if k >= 300 else 0.0)
+    assert source.clock.restarts == 1 and 30 <= source.clock.refused < 45
+    np.testing.assert_allclose(times[350:], true[350:] + step, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize('late', [lambda k: 0.2 * (k == 0), lambda k: 0.4 * (300 <= k < 312), lambda k: 0.1 * (k % 7 == 0)])
+def test_late_blocks_move_nothing(late):
+    source, times, true = times_of_blocks(20.0, late=lambda k, rng: late(k))
+    np.testing.assert_allclose(times[1:], true[1:], rtol=0.0, atol=1e-3)
+    assert source.clock.restarts == source.clock.refused == 0

@@ -2,7 +2,6 @@
 
 An arrival can be late but never early, so the least delay gives the offset between two clocks (Cristian 1989). Stamps come
 from outside and may be anything: only agreement over time sets or moves the offset, never a single stamp.
-`av_audio.sample_clock` dates samples by their number.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ class AudioNode(RigNode):
         status.add('overwritten samples', str(self._buffer.overwritten))
         problems = []
         if isinstance(source, DeviceSource):
-            status.add('clock drift', f'{source.clock.ppm:+.1f} ppm')
+            status.add('clock drift', f'{source.ppm:+.1f} ppm')
             status.add('overflows', str(source.overflows))
             status.add('reopened', str(source.reopened))
             if source.lost:

@@ -114,7 +114,7 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
         source.stop()
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
-    delivered = settings.sample_rate * (1.0 + 1e-6 * source.clock.ppm)
+    delivered = settings.sample_rate * (1.0 + 1e-6 * source.ppm)
     array = rig.array.geometry if rig is not None and rig.array.geometry.channels == len(channels) else None
     found = judge_sound(samples, settings.sample_rate, delivered, hardware, array)
     if clap is not None and array is not None:
