@@ -116,15 +116,6 @@ class RigNode(ParameterNode):
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Add values to the diagnostics of an active node; problems by `status.mergeSummary`."""
 
-    def while_active(self, create: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """Create an entity that is destroyed on deactivation, as all are that are made from `activate` on.
-
-        Parameters:
-            create: `self.create_subscription`, `create_timer`, `create_service` or `create_publisher`.
-            args, kwargs: passed to `create`.
-        """
-        return create(*args, **kwargs)
-
     def refuse_second_publishers(self, *topics: str, tell: Callable[[Mapping[str, list[str]]], None] = lambda _: None,
                                  besides: Mapping[str, str] | None = None) -> None:
         """While the node is active, note in `contested` which of its inputs have several publishers, and report them.
@@ -139,7 +130,7 @@ class RigNode(ParameterNode):
             tell(self.contested)
 
         self.contested, self._publishers_of_inputs = {}, Publishers(self, topics, besides)
-        self.while_active(self._steady_timer, PERIOD_S, look_for_publishers)
+        self._steady_timer(PERIOD_S, look_for_publishers)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""

@@ -39,8 +39,8 @@ class Listener(RigNode):
         super().__init__('listener', **kwargs)
 
     def activate(self) -> None:
-        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, 10)
-        self.while_active(self.create_subscription, Float64, 'number', self._on_number, 10)
+        self.create_subscription(Odometry, 'odometry', self._on_odometry, 10)
+        self.create_subscription(Float64, 'number', self._on_number, 10)
 
     def _on_odometry(self, message: Odometry) -> None:
         if not message.header.stamp.sec:
@@ -140,7 +140,7 @@ def test_a_fault_of_the_program_is_raised_in_tests_and_counted_elsewhere(rig, mo
 def test_what_was_queued_when_the_node_was_deactivated_is_not_called(rig):
     """The executor calls it, but what it uses no longer exists."""
     ticks = []
-    timer = rig.node.while_active(rig.node.create_timer, 100.0, lambda: ticks.append(timer.reset()))
+    timer = rig.node.create_timer(100.0, lambda: ticks.append(timer.reset()))
     (subscription,) = (entity for entity in rig.node.subscriptions if entity.topic_name.endswith('odometry'))
     message = Odometry()
     message.header.stamp.sec = 5

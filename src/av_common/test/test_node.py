@@ -36,7 +36,7 @@ class Sensor(RigNode):
     def activate(self) -> None:
         if not self.plugged:
             raise OSError('sensor not plugged in')
-        self.while_active(self.create_timer, 0.02, self._tick)
+        self.create_timer(0.02, self._tick)
 
     def _tick(self) -> None:
         self.ticks += 1

@@ -63,7 +63,7 @@ class AudioNode(RigNode):
         if isinstance(self._source, DeviceSource):
             self._source.start(self._buffer)
             self._started = True
-        self.while_active(self.create_timer, 0.25 * BLOCK / self._source.sample_rate, self._publish)
+        self.create_timer(0.25 * BLOCK / self._source.sample_rate, self._publish)
 
     def _start_file(self, source: FileSource) -> None:
         """Start a file when those who hear it are there, so that its beginning is not lost while other nodes start."""

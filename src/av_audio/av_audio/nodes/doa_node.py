@@ -43,9 +43,9 @@ class DoaNode(RigNode):
     def activate(self) -> None:
         """Subscribe."""
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
-        self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_audio, STREAM)
+        self.create_subscription(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self.refuse_second_publishers('audio/frames', *(['motor_speeds'] if self._needs_motor_speeds else []))
-        self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
+        self.create_subscription(Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
 
     def deactivate(self) -> None:
         """Discard the samples of unfinished windows."""

@@ -97,9 +97,9 @@ class PlayerNode(RigNode):
 
     def activate(self) -> None:
         """Publish the static transforms and start to play."""
-        self._frames_output = self.while_active(self.create_publisher, TFMessage, names.FRAMES, LATCHED)
+        self._frames_output = self.create_publisher(TFMessage, names.FRAMES, LATCHED)
         self._stopping, self._paused = threading.Event(), threading.Event()
-        self.while_active(self.create_service, SetBool, '~/pause', self._on_pause)
+        self.create_service(SetBool, '~/pause', self._on_pause)
         self._start()
 
     def _start(self) -> None:

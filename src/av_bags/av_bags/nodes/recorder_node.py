@@ -75,8 +75,7 @@ class RecorderNode(RigNode):
         path = numbered(datetime.now().strftime(self._settings.path), self._number)
         self._writer = BackgroundWriter(path)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
-        self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(DISCOVERY_PERIOD_S, self._find_topics, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Finish the bag."""
@@ -114,8 +113,8 @@ class RecorderNode(RigNode):
                                        durability=QosDurability(int(qos.durability)))
         self._writer.add_topic(recorded_as, recorded_kind, offered, encode)
         put, clock = self._writer.put, self.get_clock()
-        self.while_active(self.create_subscription, get_message(kind), name,
-                          lambda data: put(recorded_as, clock.now().nanoseconds, data), qos, raw=True)
+        self.create_subscription(get_message(kind), name,
+                                 lambda data: put(recorded_as, clock.now().nanoseconds, data), qos, raw=True)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report recorded and lost messages."""

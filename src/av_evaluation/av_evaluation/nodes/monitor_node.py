@@ -63,17 +63,17 @@ class MonitorNode(RigNode):
         self._started = wall.monotonic()
         self._logged = 0.0, -math.inf
         subscribe = self.create_subscription
-        self.while_active(subscribe, DoaArray, 'doa', self._on_doa, STREAM)
-        self.while_active(subscribe, Detection2DArray, 'detections', self._on_detections, STREAM)
-        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._converter.set_camera_info, STREAM)
-        self.while_active(subscribe, Bearing, 'target/bearing', self._on_bearing, RESULT)
-        self.while_active(subscribe, FusionState, 'fusion/state', self._on_state, RESULT)
-        self.while_active(subscribe, TrackArray, 'targets', self._on_targets, RESULT)
-        self.while_active(subscribe, PointingCommand, 'pointing/command', self._on_command, RESULT)
-        self.while_active(subscribe, Odometry, 'truth/target', partial(self._on_truth, topics.TRUE_TARGET), STREAM)
-        self.while_active(subscribe, Odometry, 'truth/rig', partial(self._on_truth, topics.TRUE_RIG), STREAM)
-        self.while_active(subscribe, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
-        self.while_active(self.create_timer, 1.0, self._each_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        subscribe(DoaArray, 'doa', self._on_doa, STREAM)
+        subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
+        subscribe(CameraInfo, 'camera/camera_info', self._converter.set_camera_info, STREAM)
+        subscribe(Bearing, 'target/bearing', self._on_bearing, RESULT)
+        subscribe(FusionState, 'fusion/state', self._on_state, RESULT)
+        subscribe(TrackArray, 'targets', self._on_targets, RESULT)
+        subscribe(PointingCommand, 'pointing/command', self._on_command, RESULT)
+        subscribe(Odometry, 'truth/target', partial(self._on_truth, topics.TRUE_TARGET), STREAM)
+        subscribe(Odometry, 'truth/rig', partial(self._on_truth, topics.TRUE_RIG), STREAM)
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
+        self.create_timer(1.0, self._each_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Print the figures and write the files of the run."""

@@ -71,23 +71,23 @@ class FusionNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to the sensors."""
-        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
+        self.create_subscription(DoaArray, 'doa', self._on_doa, STREAM)
         for info, seen in self._sights.items():
-            self.while_active(self.create_subscription, Detection2DArray, seen, partial(self._on_detections, seen), STREAM)
-            self.while_active(self.create_subscription, CameraInfo, info, self._stage.on_camera_info, STREAM)
-        self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
-        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self.while_active(self.create_subscription, GimbalState, GIMBAL, self._on_gimbal, STREAM)
-        self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+            self.create_subscription(Detection2DArray, seen, partial(self._on_detections, seen), STREAM)
+            self.create_subscription(CameraInfo, info, self._stage.on_camera_info, STREAM)
+        self.create_subscription(Visibility, 'visibility', self._stage.on_visibility, STREAM)
+        self.create_subscription(Odometry, 'odometry', self._on_odometry, STREAM)
+        self.create_subscription(GimbalState, GIMBAL, self._on_gimbal, STREAM)
+        self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         if self._settings.use_cues:
-            self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
-        self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
-        self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
-        self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
-        self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
+            self.create_subscription(PointStamped, 'target/cue', self._on_cue, RESULT)
+        self.create_service(SelectTarget, '~/select', self._on_select)
+        self.create_service(Trigger, '~/request_rotation', self._on_request_rotation)
+        self.create_service(Trigger, '~/forget_emitters', self._on_forget_emitters)
+        self.create_timer(POSTERIOR_PERIOD_S, self._publish_posterior)
         self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._gimbals, *self._sights, *self._sights.values(),
                                       tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
-        self._timer = self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
+        self._timer = self.create_timer(1.0 / RATE_HZ, self._on_time)
 
     @staticmethod
     def check_parameters(settings: Any) -> None:

@@ -62,20 +62,20 @@ class NetworkNode(RigNode):
         """Subscribe to all rigs."""
         for name in self._sources:
             self._listen(name)
-        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
+        self.create_timer(1.0 / RATE_HZ, self._on_time)
         if self.settings.join:
-            self.while_active(self.create_timer, LOOK_S, self._look)
+            self.create_timer(LOOK_S, self._look)
 
     def _rig(self, name: str, first: bool) -> RigSettings:
         p = self.settings
         return RigSettings(name, math.radians(p.heading_sigma_deg), 0.0 if first else p.clock_sigma, p.position_sigma)
 
     def _listen(self, name: str) -> None:
-        self.while_active(self.create_subscription, RigReport, f'{self._topics[name]}/network/report',
-                          partial(self._on_report, name), STREAM, raw=True)
+        self.create_subscription(RigReport, f'{self._topics[name]}/network/report',
+                                 partial(self._on_report, name), STREAM, raw=True)
         if self._sources[name] == FIX:
-            self.while_active(self.create_subscription, NavSatFix, f'{self._topics[name]}/fix',
-                              partial(self._stage.on_fix, name), STREAM)
+            self.create_subscription(NavSatFix, f'{self._topics[name]}/fix',
+                                     partial(self._stage.on_fix, name), STREAM)
 
     def _look(self) -> None:
         """Let rigs join whose reports have appeared below the node's namespace."""

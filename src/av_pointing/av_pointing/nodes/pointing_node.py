@@ -62,16 +62,15 @@ class PointingNode(RigNode):
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
         self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit',
                                       tell=partial(setattr, self._stage, 'contested'))
-        self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
-        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self.while_active(self.create_subscription, Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED,
-                          event_callbacks=SubscriptionEventCallbacks(
-                              matched=lambda status: self._stage.on_limiters(status.current_count)))
+        self._timer = self.create_timer(PERIOD_S, self._on_time, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
+        self.create_subscription(Odometry, 'odometry', self._on_odometry, STREAM)
+        self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED,
+                                 event_callbacks=SubscriptionEventCallbacks(
+                                     matched=lambda status: self._stage.on_limiters(status.current_count)))
         if self._settings.follow_cues:
-            self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
-        self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
+            self.create_subscription(PointStamped, 'target/cue', self._on_cue, RESULT)
+        self.create_service(SetBool, '~/enable', self._on_enable)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition, after which the rig moves only when it is enabled again, also by a later process."""

@@ -51,15 +51,15 @@ class RigFramesNode(RigNode):
 
     def activate(self) -> None:
         """Repeat the fixed frames, and subscribe to what tells where the gimbal points."""
-        self.while_active(self.create_timer, REPEAT_S, self._send_fixed)
+        self.create_timer(REPEAT_S, self._send_fixed)
         if self._stage is None:
             return
-        self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_state, STREAM)
-        self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+        self.create_subscription(GimbalState, 'gimbal/state', self._on_state, STREAM)
+        self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         for kind, topic, take in ((JointState, 'joint_states', self._stage.on_joints),
                                   (Odometry, 'odometry', self._stage.on_odometry)):
-            self.while_active(self.create_subscription, kind, topic, partial(self._publish, take), STREAM)
-        self.while_active(self.create_timer, PERIOD_S, self._on_time)
+            self.create_subscription(kind, topic, partial(self._publish, take), STREAM)
+        self.create_timer(PERIOD_S, self._on_time)
 
     def _send_fixed(self) -> None:
         self._fixed.publish(self._frames)

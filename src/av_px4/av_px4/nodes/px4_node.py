@@ -80,11 +80,11 @@ class Px4Node(RigNode):
         self._stage.start(self._instant(), former)
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
-            self.while_active(self.create_subscription, kind, topic, partial(self._take, take), RESULT)
-        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_timer)
+            self.create_subscription(kind, topic, partial(self._take, take), RESULT)
+        self.create_timer(1.0 / RATE_HZ, self._on_timer)
         self.refuse_second_publishers('pointing/command', 'target/bearing', tell=partial(setattr, self._stage, 'contested'))
-        self.while_active(self.create_timer, DISCOVERY_S, self._discover)
-        self.while_active(self.create_timer, WATCH_S, self._watch)
+        self.create_timer(DISCOVERY_S, self._discover)
+        self.create_timer(WATCH_S, self._watch)
         self._discover()
         self._watch()
 
@@ -137,7 +137,7 @@ class Px4Node(RigNode):
     def _send(self, messages: list[Outgoing]) -> None:
         for topic, message in messages:
             if topic == MOTORS_TOPIC and topic not in self._outputs:    # else it would seem to be a second source
-                self._outputs[topic] = self.while_active(self.create_publisher, Float32MultiArray, topic, STREAM)
+                self._outputs[topic] = self.create_publisher(Float32MultiArray, topic, STREAM)
             if topic in self._outputs:
                 self._outputs[topic].publish(message)
             else:

@@ -48,13 +48,13 @@ class ReportNode(RigNode):
                 (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
                 (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
                 (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
-            self.while_active(self.create_subscription, kind, topic, take, quality)
+            self.create_subscription(kind, topic, take, quality)
         try:
             self._open_outputs()
         except Exception:
             self.deactivate()
             raise
-        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0 / RATE_HZ, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Close the outputs."""

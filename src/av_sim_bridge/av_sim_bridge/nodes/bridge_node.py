@@ -67,10 +67,10 @@ class BridgeNode(RigNode):
             self._reader = Worker('publish audio', self._publish_audio)
             opened.callback(self._reader.stop)
             self._opened = opened.pop_all()
-        self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+        self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.refuse_second_publishers('pointing/command', tell=partial(setattr, self._stage, 'contested'))
         if self._settings.follow_odometry:
-            self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
+            self.create_subscription(Odometry, 'odometry', self._on_odometry, RESULT)
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""

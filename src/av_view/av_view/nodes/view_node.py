@@ -80,8 +80,8 @@ class ViewNode(RigNode):
         self._announce()
         if self._owns_process:
             lower_priority(NICENESS)
-        self._diagnostics = self.while_active(self.create_reader, DiagnosticArray, '/diagnostics', DIAGNOSTICS)
-        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._diagnostics = self.create_reader(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
+        self.create_timer(1.0 / RATE_HZ, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Close all connections."""

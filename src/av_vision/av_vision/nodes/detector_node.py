@@ -96,12 +96,12 @@ class DetectorNode(RigNode):
         subscribe = self.create_subscription
         kind, topic = ((CompressedImage, 'camera/image_raw/compressed') if self.settings.compressed else
                        (Image, 'camera/image_raw'))
-        self.while_active(subscribe, kind, topic, self._on_image, IMAGE)
+        subscribe(kind, topic, self._on_image, IMAGE)
         self.refuse_second_publishers(topic)
-        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
-        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
-        self.while_active(subscribe, Odometry, 'odometry', self._stage.on_odometry, STREAM)
-        self.while_active(subscribe, Bearing, 'target/bearing', self._stage.on_bearing, RESULT)
+        subscribe(Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
+        subscribe(CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
+        subscribe(Odometry, 'odometry', self._stage.on_odometry, STREAM)
+        subscribe(Bearing, 'target/bearing', self._stage.on_bearing, RESULT)
 
     def deactivate(self) -> None:
         """Stop detecting."""
