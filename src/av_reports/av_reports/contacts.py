@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 LIKELY = 0.5  # from this probability on something is what it may be
+LOST_S = 2.0  # since its newest measurement, after which a target is not reported: as long as a gimbal follows a prediction
 
 
 def compass_deg(azimuth: float, digits: int = 9) -> float:
@@ -87,28 +88,14 @@ class Place(NamedTuple):
     sigma: float = math.nan
 
 
-class Selection(NamedTuple):
-    """Which targets are reported.
+def is_reported(track: BearingTrack | PositionTrack, now: float, only_drones: bool = True) -> bool:
+    """Whether a target is reported: likely, lately measured, and of a known side; one of which it is not known may be a drone.
 
     Parameters:
-        min_existence: least probability that there is such a target.
-        max_age (s): longest time since the newest measurement of the track.
-        only_drones: those that are probably none are left out; those of which it is not known are reported.
-        unresolved: those whose front and back are not resolved are reported, too.
+        track: the target.
+        now (s): UTC since 1970.
+        only_drones: those that are probably none are left out.
     """
-
-    min_existence: float = LIKELY
-    max_age: float = 2.0
-    only_drones: bool = True
-    unresolved: bool = False
-
-    def takes(self, track: BearingTrack | PositionTrack, now: float) -> bool:
-        """Whether a target is reported.
-
-        Parameters:
-            track: the target.
-            now (s): UTC since 1970.
-        """
-        return (track.existence >= self.min_existence and abs(now - track.measured) <= self.max_age
-                and not (self.only_drones and track.drone_probability < LIKELY)
-                and (self.unresolved or not isinstance(track, BearingTrack) or track.resolved))
+    return (track.existence >= LIKELY and abs(now - track.measured) <= LOST_S
+            and not (only_drones and track.drone_probability < LIKELY)
+            and not (isinstance(track, BearingTrack) and not track.resolved))

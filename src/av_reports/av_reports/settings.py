@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from av_common.files import ros_home
-from av_reports.contacts import Place, Selection
+from av_reports.contacts import Place
 from av_reports.cot.connection import CotAddress, check_address
 from av_reports.identifiers import is_uuid, kept_uuid
 from av_reports.link import parse_peer
@@ -42,21 +42,15 @@ class SapientSettings:
 
     Parameters:
         node_id: UUID that names this node to its fusion node.
-        name: how users call it.
         positions: it reports positions of a network of rigs; otherwise bearings of a single rig.
         north: its bearings count from true north; otherwise from the rig's forward direction.
-        status_interval (s): time between status reports.
-        rate (Hz): most reports of an object a second.
         obey_tasks: tasks of the fusion node are obeyed; otherwise all are refused.
         software_version: of this suite.
     """
 
     node_id: str
-    name: str = 'audio-visual rig'
     positions: bool = False
     north: bool = True
-    status_interval: float = 10.0
-    rate: float = 2.0
     obey_tasks: bool = False
     software_version: str = ''
 
@@ -71,7 +65,7 @@ def report_settings(values: Any) -> ReportSettings:
     is_surveyed = bool(known.latitude or known.longitude)
     place = Place(known.latitude, known.longitude, known.altitude, SURVEYED_SIGMA_M) if is_surveyed else None
     heading = math.radians(known.heading_deg) if is_surveyed else None
-    return ReportSettings(Selection(only_drones=values.only_drones), values.positions, values.north, place, heading)
+    return ReportSettings(values.only_drones, values.positions, values.north, place, heading)
 
 
 def node_uuid(name: str) -> str:

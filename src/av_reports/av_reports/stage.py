@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sensor_msgs.msg import NavSatFix
 
 from av_common.freshness import Instant
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
-from av_reports.contacts import BearingTrack, Place, PositionTrack, Selection
+from av_reports.contacts import BearingTrack, Place, PositionTrack, is_reported
 from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 
 MOST_TRACKS = 100  # those that are most likely there
 SILENT_S = 2.0  # without a message of the tracker for this long it is missing
+PLACE_S = 10.0  # for which a place of the receiver counts: ten of its messages, one a second
 NO_HEADING = ("the rig's heading is not known: it needs odometry, or surveyed.heading_deg at a surveyed place, or north "
               'false, with which directions count from ahead')
 
@@ -44,21 +45,19 @@ class ReportSettings:
     """What is reported.
 
     Parameters:
-        selection: which targets.
+        only_drones: what is probably no drone is left out.
         positions: positions of a network of rigs, instead of bearings of this one.
         north: bearings count from true north; otherwise from the rig's forward direction.
         place: where the rig stands, surveyed; None for that of its receiver of satellite navigation.
         heading (rad): surveyed heading of the rig's forward direction, clockwise from true north; it counts while the rig's
             attitude is not known. None for none.
-        place_age (s): time for which a place of the receiver counts.
     """
 
-    selection: Selection = field(default_factory=Selection)
+    only_drones: bool = True
     positions: bool = False
     north: bool = True
     place: Place | None = None
     heading: float | None = None
-    place_age: float = 10.0
 
 
 class ReportStage:
@@ -132,7 +131,7 @@ class ReportStage:
         """
         utc = now.ros + to_utc
         silent = now.steady - self._tracks_arrived > SILENT_S
-        taken = [] if silent else [track for track in self._tracks if self.settings.selection.takes(track, utc)]
+        taken = [] if silent else [track for track in self._tracks if is_reported(track, utc, self.settings.only_drones)]
         taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
         return Situation(tuple(taken), self._place(now), self.settings.place is not None, tuple(self._problems(silent)),
                          silent, utc)
@@ -140,7 +139,7 @@ class ReportStage:
     def _place(self, now: Instant) -> Place | None:
         if self.settings.place is not None:
             return self.settings.place
-        return self._fix if now.steady - self._fix_arrived <= self.settings.place_age else None
+        return self._fix if now.steady - self._fix_arrived <= PLACE_S else None
 
     def _problems(self, silent: bool) -> list[str]:
         if silent:

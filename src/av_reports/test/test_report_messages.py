@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from av_common.freshness import Instant
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, FusionState, Track, TrackArray, WorldTrack, WorldTrackArray
-from av_reports.contacts import Place, Selection
+from av_reports.contacts import Place, is_reported
 from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 from av_reports.stage import MOST_TRACKS, SILENT_S, ReportSettings, ReportStage
 
@@ -65,8 +65,8 @@ def test_times_are_utc():
 ])
 def test_what_is_reported(values, taken):
     track, = bearing_tracks(targets(**values), None, True)
-    assert Selection().takes(track, TIME) is taken
-    assert Selection(0.0, 1e4, False, True).takes(track, TIME)
+    assert is_reported(track, TIME) is taken
+    assert is_reported(track, TIME, only_drones=False) is (taken or values.get('drone_probability') == 0.3)
 
 
 def network(**values):
@@ -86,7 +86,7 @@ def test_positions_of_a_network_are_on_the_earth():
     assert np.array(track.covariance) == pytest.approx(np.diag([4.0, 9.0, 1.0]), abs=1e-2)
     assert track.velocity == pytest.approx((3.0, -1.0, 0.5), abs=1e-3)
     assert track.velocity_sigma == pytest.approx((0.2, 0.3, 0.1)) and track.rigs == ('left', 'right')
-    assert Selection().takes(track, TIME)
+    assert is_reported(track, TIME)
 
 
 def test_positions_that_are_none_are_left_out_or_refused():
@@ -139,10 +139,10 @@ def test_without_a_heading_nothing_is_reported_and_the_reason_is_given():
 
 def test_a_place_of_the_receiver_ages_and_a_surveyed_one_does_not():
     fix = NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_FIX), latitude=51.5)
-    stage = ReportStage(ReportSettings(place_age=5.0))
+    stage = ReportStage(ReportSettings())
     stage.on_fix(fix, Instant(0.0, TIME))
-    assert stage.situation(Instant(4.9, TIME), 0.0).place.latitude == 51.5
-    assert stage.situation(Instant(5.1, TIME), 0.0).place is None
+    assert stage.situation(Instant(9.9, TIME), 0.0).place.latitude == 51.5
+    assert stage.situation(Instant(10.1, TIME), 0.0).place is None
     surveyed = ReportStage(ReportSettings(place=Place(1.0, 2.0, 3.0)))
     surveyed.on_fix(fix, Instant(0.0, TIME))
     assert surveyed.situation(Instant(99.0, TIME), 0.0).place == Place(1.0, 2.0, 3.0)

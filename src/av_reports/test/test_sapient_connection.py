@@ -70,10 +70,10 @@ def connected():
 
 
 def test_a_whole_session_is_read_by_an_independent_decoder():
-    stage = SapientStage(SapientSettings(NODE, 'mast'))
+    stage = SapientStage(SapientSettings(NODE))
     with connected() as (fusion, link):
         link.put(stage.on_connected(time.time()).messages, 1)
-        assert dig(fusion.receive(), 4, 3) == b'mast'
+        assert dig(fusion.receive(), 4, 3) == b'audio-visual rig'
         fusion.send(acknowledgement())
         message, = receive(link)
         stage.on_message(message, None, time.time())

@@ -102,11 +102,11 @@ def test_a_status_report_tells_state_place_and_problems(given, system):
 @pytest.mark.parametrize('positions', [False, True])
 @pytest.mark.parametrize('obey', [False, True])
 def test_the_registration_says_what_is_reported_and_which_tasks_are_taken(positions, obey):
-    settings = SapientSettings(NODE, 'mast', positions=positions, obey_tasks=obey, status_interval=7.5)
+    settings = SapientSettings(NODE, positions=positions, obey_tasks=obey)
     registration = dig(sent(registration=registration_message(settings)), 4)
-    assert dig(registration, 2) == b'BSI Flex 335 v2.0' and dig(registration, 3) == b'mast'
+    assert dig(registration, 2) == b'BSI Flex 335 v2.0' and dig(registration, 3) == b'audio-visual rig'
     assert [dig(node, 1) for node in fields(registration)[1]] == [6, 4], 'acoustic, camera'
-    assert fields(dig(registration, 6, 1)) == {1: [4], 3: [7.5]}, 'seconds'
+    assert fields(dig(registration, 6, 1)) == {1: [4], 3: [10.0]}, 'seconds'
     kind = fields(dig(registration, 7, 10, 1))
     assert kind == ({1: [LAT_LNG_DEG_M], 3: [WGS84_ELLIPSOID]} if positions else {2: [DEGREES_M], 4: [TRUE_NORTH]})
     commands = fields(dig(registration, 7, 11)).get(3, [])

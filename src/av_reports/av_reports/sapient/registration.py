@@ -10,6 +10,7 @@ from av_reports.settings import CLASSES, UNKNOWN_CLASS, SapientSettings
 MODE = 'default'
 REQUESTS = ('Registration', 'Status')
 MANUFACTURER, MODEL = 'av_rig', 'audio-visual rig'
+STATUS_S = 10.0  # between status reports
 COMPLETION_S = 10.0  # time in which a camera looks where it was told to, at the most
 TRACK_INFO = (('front_back_probability', 'probability, 0.5 to 1'), ('drone_probability', 'probability, 0 to 1'),
               ('measured', 's since the newest measurement'))
@@ -24,10 +25,10 @@ def registration_message(settings: SapientSettings) -> Any:
     kinds = [('Microphones', Registration.NODE_TYPE_ACOUSTIC), ('Camera', Registration.NODE_TYPE_CAMERA)]
     return Registration(
         node_definition=[Registration.NodeDefinition(node_type=kind, node_sub_type=[name]) for name, kind in kinds],
-        icd_version=ICD_VERSION, name=settings.name, short_name=settings.name[:20],
+        icd_version=ICD_VERSION, name=MODEL, short_name=MODEL,
         capabilities=[Registration.Capability(category='Passive', type='Position' if settings.positions else 'Bearing')],
         status_definition=Registration.StatusDefinition(
-            status_interval=_seconds(settings.status_interval), location_definition=_place()),
+            status_interval=_seconds(STATUS_S), location_definition=_place()),
         mode_definition=[_mode(settings)],
         config_data=[Registration.ConfigurationData(manufacturer=MANUFACTURER, model=MODEL,
                                                     software_version=settings.software_version or None)])

@@ -18,12 +18,13 @@ from av_reports.sapient.encoder import (
     task_ack,
 )
 from av_reports.sapient.protocol import ICD_VERSION, Error, Task, TaskAck
-from av_reports.sapient.registration import REQUESTS, registration_message
+from av_reports.sapient.registration import REQUESTS, STATUS_S, registration_message
 from av_reports.sapient.task_desk import Answer, TaskDesk
 from av_reports.sapient.validation import check, parse
 from av_reports.settings import SapientSettings
 from av_reports.tasking import Command
 
+REPORT_S = 0.5  # between two reports of an object
 AGAIN_S = 30.0  # after this time without an acknowledgement a node registers again
 LONGEST_PACKET = 1024  # bytes of an unusable message that are sent back
 ERROR_INTERVAL_S = 1.0  # at most one error in this time is sent, whatever comes
@@ -183,8 +184,7 @@ class SapientStage:
             due = reported[track.id][1] if track.id in reported else now
             if now >= due:
                 # On a grid of its own: what is looked for some times a second is else reported at a fraction of that rate.
-                period = 1.0 / self._settings.rate
-                reported[track.id] = (track, due + period if now - due < period else now + period)
+                reported[track.id] = (track, due + REPORT_S if now - due < REPORT_S else now + REPORT_S)
                 messages.append(self._detection(track, now))
         return Reaction(tuple(messages), command)
 
@@ -200,7 +200,7 @@ class SapientStage:
         ended = self._answer(self.desk.on_time(now), now)
         shown = (health, self._task)
         changed = shown != self._session.shown
-        if changed or now - self._session.status_sent >= self._settings.status_interval:
+        if changed or now - self._session.status_sent >= STATUS_S:
             self._session.shown, self._session.status_sent = shown, now
             return ended._replace(messages=(*ended.messages, self._status(health, changed, now)))
         return ended
