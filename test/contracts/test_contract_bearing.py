@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
+from judged_rig import FormulaRig, angle_between, rms
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds
@@ -16,12 +17,9 @@ from av_evaluation.faults.formula_rig import (
     PIXEL_SIGMA,
     SIGHT_TAKES,
     START,
-    FormulaRig,
     Source,
-    angle_between,
     azimuth_of,
     never,
-    rms,
     unit,
     wrapped,
 )

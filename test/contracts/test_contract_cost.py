@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 
 from figures import at_most
+from judged_rig import FormulaRig
 
-from av_evaluation.faults.formula_rig import FormulaRig, Source
+from av_evaluation.faults.formula_rig import Source
 
 
 def test_a_window_of_one_target_is_few_calls(contract):

@@ -28,12 +28,13 @@ from formula_sound import (
     wing_beat,
     with_noise,
 )
+from judged_rig import FormulaRig, rms
 from real_recordings import CLIPS, needs_data
 from scipy.signal import resample_poly
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds
-from av_evaluation.faults.formula_rig import START, FormulaRig, Source, never, rms, unit, wrapped
+from av_evaluation.faults.formula_rig import START, Source, never, unit, wrapped
 
 ARRAYS = {'pair': PAIR, 'square': SQUARE, 'eight': EIGHT}
 PASSES = 0.3        # confidence from which fusion uses a direction: the default of its parameter

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from figures import at_least, at_most, within
 from formula_sound import RATE, frames, hearing
+from judged_rig import FormulaRig, angle_between, rms
 from scipy.spatial.transform import Rotation
 from vision_msgs.msg import Detection2DArray
 
@@ -16,21 +17,7 @@ from av_common.parameters import node_parameters
 from av_common.rig import load_rig
 from av_common.stamps import to_seconds, to_stamp
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
-from av_evaluation.faults.formula_rig import (
-    BOX,
-    CENTRE,
-    FOCAL,
-    START,
-    FormulaRig,
-    Source,
-    angle_between,
-    detection,
-    never,
-    rms,
-    unit,
-    vector,
-    wrapped,
-)
+from av_evaluation.faults.formula_rig import BOX, CENTRE, FOCAL, START, Source, detection, never, unit, vector, wrapped
 from av_interfaces.msg import Bearing, Doa, DoaArray
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
