@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+import psutil
+
 MARK = 'AV_MARKED_RUN'   # no other program's: the launch has a variable of its own, AV_RIG_RUN
-MIB = 1 / 1024   # per KiB
+MIB = 1 << 20   # bytes
 NODE_NAME = '__node:='
 INTERPRETERS = ('python', 'bash', 'sh')
 ENDS_IN_S = 60.0   # a launch: the monitor draws an hour's plot
@@ -40,40 +42,33 @@ class ProcessSample:
 
 def sample(process_id: int) -> ProcessSample | None:
     """Measure a process, which takes about a millisecond; None where it has ended or belongs to another user."""
-    folder = Path('/proc') / str(process_id)
-    try:
-        status = _numbers(folder / 'status')
-        shares = _numbers(folder / 'smaps_rollup')
-        descriptors = sum(1 for _ in (folder / 'fd').iterdir())
-    except OSError:
-        return None
-    if 'VmRSS' not in status or 'Rss' not in shares:
-        return None   # a zombie
-    private = shares.get('Private_Clean', 0) + shares.get('Private_Dirty', 0)
-    return ProcessSample(MIB * shares['Rss'], MIB * shares.get('Pss', 0), MIB * private, status['Threads'], descriptors)
+    with suppress(psutil.Error):
+        process = psutil.Process(process_id)
+        memory, status = process.memory_full_info(), process.status()
+        return None if status == psutil.STATUS_ZOMBIE else ProcessSample(
+            memory.rss / MIB, memory.pss / MIB, memory.uss / MIB, process.num_threads(), process.num_fds())
+    return None
 
 
 def age_of(process_id: int) -> float:
-    """Time (s) since a process was started; 0 where it has ended (proc(5): field 22 of stat)."""
-    try:
+    """Time (s) since a process was started, also where the clock was set meanwhile; 0 where it has ended (proc(5): stat)."""
+    with suppress(OSError):
         started = int((Path('/proc') / str(process_id) / 'stat').read_text().rpartition(')')[2].split()[19])
-        now = float(Path('/proc/uptime').read_text().split()[0])
-    except OSError:
-        return 0.0
-    return now - started / os.sysconf('SC_CLK_TCK')
+        return float(Path('/proc/uptime').read_text().split()[0]) - started / os.sysconf('SC_CLK_TCK')
+    return 0.0
 
 
 def name_of(process_id: int) -> str:
     """Name of the ROS node of a process, or of its program, or of its parent's; empty where it has ended."""
     try:
-        words = (Path('/proc') / str(process_id) / 'cmdline').read_bytes().decode(errors='replace').split('\0')
-        parent = _numbers(Path('/proc') / str(process_id) / 'status').get('PPid', 0)
-    except OSError:
+        process = psutil.Process(process_id)
+        words, parent = process.cmdline(), process.ppid()
+    except psutil.Error:
         return ''
     named = [word[len(NODE_NAME):] for word in words if word.startswith(NODE_NAME)]
     programs = [Path(word).name for word in words if word and word[0] != '-' and ' ' not in word]
     program = next((name for name in programs if not name.startswith(INTERPRETERS)), '')
-    return (named or [program])[0] or (f'child of {name_of(parent)}' if parent > 1 else words[0])
+    return [*named, program][0] or (f'child of {name_of(parent)}' if parent > 1 else words[0])
 
 
 class MarkedProcesses:
@@ -93,10 +88,8 @@ class MarkedProcesses:
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str] | None = None,
                  output: IO[bytes] | int | None = None) -> None:
-        self._mark = f'{MARK}={uuid.uuid4().hex}'.encode()
-        self._name = Path(command[0]).name
-        name, _, value = self._mark.decode().partition('=')
-        self.environment = {**os.environ, **(environment or {}), name: value}
+        self._mark, self._name = uuid.uuid4().hex, Path(command[0]).name
+        self.environment = {**os.environ, **(environment or {}), MARK: self._mark}
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
             env=self.environment, start_new_session=True)
@@ -104,15 +97,10 @@ class MarkedProcesses:
     def alive(self) -> dict[int, str]:
         """Names of the processes that run, by process id, the program itself included."""
         found = {}
-        for folder in Path('/proc').glob('[0-9]*'):
-            try:
-                ours = self._mark in (folder / 'environ').read_bytes().split(b'\0')
-                state = (folder / 'stat').read_text().rpartition(')')[2].split()[0] if ours else 'Z'
-            except OSError:
-                continue   # ended meanwhile, or of another user
-            if state != 'Z':
-                number = int(folder.name)
-                found[number] = self._name if number == self.process.pid else name_of(number)
+        for process in psutil.process_iter():
+            with suppress(psutil.Error):   # ended meanwhile, or of another user
+                if process.environ().get(MARK) == self._mark and process.status() != psutil.STATUS_ZOMBIE:
+                    found[process.pid] = self._name if process.pid == self.process.pid else name_of(process.pid)
         return found
 
     def run_times(self) -> dict[int, tuple[float, float]]:
@@ -128,7 +116,8 @@ class MarkedProcesses:
     def signal(self, number: int) -> None:
         """Send a signal to every process that runs."""
         for process_id in self.alive():
-            _send(process_id, number)
+            with suppress(psutil.NoSuchProcess):   # ended meanwhile
+                psutil.Process(process_id).send_signal(number)
 
 
 def slowdown(before: Mapping[int, tuple[float, float]], after: Mapping[int, tuple[float, float]]) -> float:
@@ -153,16 +142,3 @@ def launched_rig(arguments: Sequence[str], output: IO[bytes] | int = subprocess.
         with suppress(subprocess.TimeoutExpired):
             rig.process.wait(ENDS_IN_S)
         rig.signal(signal.SIGKILL)
-
-
-def _send(process_id: int, number: int) -> None:
-    try:
-        os.kill(process_id, number)
-    except ProcessLookupError:
-        return   # ended meanwhile
-
-
-def _numbers(file: Path) -> dict[str, int]:
-    """Numbers of a file of lines `name: number unit`."""
-    rows = (line.split() for line in file.read_text().splitlines() if ':' in line)
-    return {row[0].rstrip(':'): int(row[1]) for row in rows if len(row) > 1 and row[1].isdigit()}

@@ -6,8 +6,9 @@ import multiprocessing
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.managers import BaseManager
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -33,48 +34,6 @@ MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the m
 # s by which a stamp jumps
 JUMPS = (1e-3, -1e-3, 0.05, -0.05, 0.4, -0.4, 1.0, -1.0, 10.0, -10.0, 1e3, -1e3, 1e6, -1e6, 2e9, -2e9)
 STEP_S = 0.01    # between looks at what is due
-
-
-class WorkerError(RuntimeError):
-    """A process of the attack failed, or did not answer in time."""
-
-
-class Worker:
-    """An object in a process of its own.
-
-    Parameters:
-        make: makes the object there; a function of a module.
-        log: file to which is appended what the process says; the middleware says much.
-    """
-
-    def __init__(self, make: Callable[[], object], log: Path) -> None:
-        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context('spawn'), _start, (make, log))
-
-    def call(self, method: str, timeout: float = 30.0, **arguments: Any) -> Any:
-        """Call a method of the object and wait for its result. Raises WorkerError after `timeout` (s), or where it fails."""
-        try:
-            return self._pool.submit(_call, method, arguments).result(timeout)
-        except Exception as error:
-            raise WorkerError(f'{type(error).__name__}: {error}') from error
-
-    def close(self) -> None:
-        """Let the process end, at the latest after its call."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-_served: object = None
-
-
-def _start(make: Callable[[], object], log: Path) -> None:
-    global _served
-    with log.open('ab') as output:
-        for descriptor in (1, 2):
-            os.dup2(output.fileno(), descriptor)
-    _served = make()
-
-
-def _call(method: str, arguments: dict[str, Any]) -> Any:
-    return getattr(_served, method)(**arguments)
 
 
 def paced(seconds: float, rate: float) -> Iterator[int]:
@@ -251,7 +210,31 @@ def _qos(subscribers: list[Any]) -> QoSProfile:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
-def connected() -> Messages:
-    """The attacker of a process, which is connected to the middleware."""
+def _connected() -> Messages:
     rclpy.init(args=[])
     return Messages()
+
+
+def _log_to(log: Path) -> None:
+    """Append what this process says to a file; the middleware says much."""
+    with log.open('ab') as output:
+        for descriptor in (1, 2):
+            os.dup2(output.fileno(), descriptor)
+
+
+class _Manager(BaseManager):
+    """Has `Messages` in a process of its own."""
+
+
+_Manager.register('messages', _connected, exposed=('find', 'attack', 'enable'))
+
+
+@contextmanager
+def messages_beside(log: Path) -> Iterator[Any]:
+    """`Messages` in a process of its own, whose output is appended to a file: its methods, by which exceptions come, too."""
+    manager = _Manager(ctx=multiprocessing.get_context('spawn'))
+    manager.start(_log_to, (log,))
+    try:
+        yield manager.messages()  # type: ignore[attr-defined]
+    finally:
+        manager.shutdown()

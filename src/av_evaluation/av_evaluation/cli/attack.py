@@ -19,10 +19,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
+from multiprocessing.managers import RemoteError
 from pathlib import Path
 
 from av_evaluation.attack.judges import Findings
-from av_evaluation.attack.messages import Worker, WorkerError, connected
+from av_evaluation.attack.messages import messages_beside
 from av_evaluation.attack.observer import Observer
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
 
@@ -34,7 +35,6 @@ FACED = math.radians(10.0)    # from the body's front to the target where an att
 STOPPED_S = 2.0            # for which a process is stopped
 NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
 STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
-ANSWER_S = 30.0            # for which a worker may be late
 MOST_GROWTH = 20.0         # MiB, of a process over all attacks
 # Where nothing waits for a processor. What begins to hear again needs SOUND_S more on any machine: the newest second of sound
 # decides whether it is that of a drone.
@@ -122,13 +122,13 @@ class Attack:
                 if not self._tracks(time.time(), START_S):
                     print(f'attack: the rig does not track without an attack, see {options.out / "rig.log"}', file=sys.stderr)
                     return 2
-                print(f'topics: {" ".join(self._peer.call("find"))}', flush=True)
+                print(f'topics: {" ".join(self._peer.find())}', flush=True)
                 time.sleep(SETTLE_S)
                 for kind, name in self._plan():
                     self._attack(kind, name)
             except KeyboardInterrupt:
                 print('attack: interrupted', file=sys.stderr)
-            except WorkerError as error:
+            except (RemoteError, OSError, EOFError) as error:
                 print(f'attack: {error}, see {options.out / "attack.log"}', file=sys.stderr)
                 return 2
             return self._report()
@@ -141,7 +141,7 @@ class Attack:
         self._launch()
         self._observer = Observer()
         self._opened.callback(self._observer.close)
-        self._peer = self._worker(connected)
+        self._peer = self._opened.enter_context(messages_beside(self._options.out / 'attack.log'))
 
     def _launch(self) -> None:
         """Start the rig, and end the one before with all its processes."""
@@ -151,11 +151,6 @@ class Attack:
         given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.port_offset}', *options.launch]
         log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
         self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
-
-    def _worker(self, make: Callable[[], object]) -> Worker:
-        worker = Worker(make, self._options.out / 'attack.log')
-        self._opened.callback(worker.close)
-        return worker
 
     def _parts(self) -> dict[str, int]:
         """Process ids of the rig's programs by name."""
@@ -238,8 +233,7 @@ class Attack:
 
     def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
         """Attack the topics, with options of `Messages.attack`."""
-        result.sent = self._peer.call('attack', seconds + ANSWER_S, seconds=seconds, seed=self._random.randrange(2**31),
-                                      rate=MESSAGE_RATE, **options)
+        result.sent = self._peer.attack(seconds, MESSAGE_RATE, self._random.randrange(2**31), **options)
 
     def _messages(self, result: Result) -> None:
         """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
@@ -264,13 +258,13 @@ class Attack:
     def _disabled(self, result: Result) -> None:
         """Pointing is disabled, and no message moves the rig, however genuine it looks."""
         result.hearing = SOUND_S
-        if not self._peer.call('enable', enabled=False):
+        if not self._peer.enable(False):
             result.faults.append('pointing could not be disabled')
             return
         self._forbid_motion()
         self._send(result, stale=False, spare=(COMMANDS,))
         self._permit_motion()
-        if not self._peer.call('enable', enabled=True):
+        if not self._peer.enable(True):
             result.faults.append('pointing could not be enabled again')
 
     def _forbid_motion(self) -> None:
