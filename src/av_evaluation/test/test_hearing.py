@@ -11,9 +11,10 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
 from av_evaluation.cli import hearing
 from av_evaluation.hearing import ego_noise
-from av_evaluation.hearing.free_field import PAIR, WINDOW_S, C, trials
-from av_evaluation.hearing.places import EARS, read_responses
+from av_evaluation.hearing.free_field import SETTINGS, WINDOW_S
+from av_evaluation.hearing.places import EARS, PAIR, read_responses
 from av_evaluation.hearing.signals import RATE, add_noise, recordings, rotors
+from av_evaluation.hearing.trials import C, Window, compare, ours
 
 DATA = Path(__file__).resolve().parents[4] / 'shared/data'
 CLIPS, HEAD = DATA / 'drone_detection/audio', DATA / 'kemar/mit_kemar_normal_pinna.sofa'
@@ -57,7 +58,7 @@ def moving(source, arrival, rate, snr_db):
         sound = source(rng, WINDOW_S + 2.0 * PAD_S, np.zeros(1))[:, 0]
         fine = resample(sound, FINER * len(sound))
         heard = CubicSpline(np.arange(len(fine)) / (FINER * RATE) - 0.5 * len(sound) / RATE, fine)(emitted)
-        return add_noise(rng, heard, snr_db), azimuth
+        return Window(add_noise(rng, heard, snr_db), RATE, PAIR, azimuth)
     return make
 
 
@@ -74,7 +75,8 @@ def pulsing(source):
 def test_sigma_is_honest_in_motion(arrival):
     """About 90 % within 1.64 sigma by definition; without a model of motion it was 35 to 60 % for sounds that pulsate."""
     for rate_deg in (0.0, 20.0, 40.0):
-        result = trials(np.random.default_rng(5), moving(pulsing(rotors), arrival, np.radians(rate_deg), 10.0), 40)
+        rng, make = np.random.default_rng(5), moving(pulsing(rotors), arrival, np.radians(rate_deg), 10.0)
+        result = compare((make(rng) for _ in range(40)), {'ours': ours(Localizer(PAIR, RATE, SETTINGS))})['ours']
         assert 75.0 <= result.coverage <= 100.0
         assert np.median(result.error) < 0.4
 
@@ -98,7 +100,7 @@ def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):
     monkeypatch.setattr(ego_noise, 'RECORDING_S', 4.0)
     monkeypatch.setattr(ego_noise, 'LATER_S', 4.0)
     monkeypatch.setattr(ego_noise, 'LEVELS_DB', {2: (10.0,)})
-    monkeypatch.setattr(ego_noise, 'of_library', lambda method, sound, array, rate: 0.0)
+    monkeypatch.setattr(ego_noise, 'PEERS', dict.fromkeys(('SRP-PHAT', 'MUSIC'), lambda window: (np.zeros(1), np.nan, 0.0)))
     shares = {figure.name: figure.value for figure in ego_noise.ego_noise(16, {'rotors': rotors}, rigs=2)}
     title = '2 microphones, own noise +10 dB, '
     assert shares[f'{title}recording, music: beyond 20 deg'] == 0.0 < shares[f'{title}no recording: beyond 20 deg']

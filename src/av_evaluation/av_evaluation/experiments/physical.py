@@ -20,8 +20,15 @@ from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
-from av_evaluation.hearing.free_field import PAIR
-from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox, towards, with_own_noise
+from av_evaluation.hearing.places import (
+    PAIR,
+    at_ears,
+    calibrated_ears,
+    read_responses,
+    shoebox,
+    towards,
+    with_own_noise,
+)
 from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.random import Generator
@@ -11,13 +10,14 @@ from numpy.typing import NDArray
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.angles import angles_to_direction, direction_to_angles, wrap
+from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, WINDOW_S
-from av_evaluation.hearing.peers import C, Srp, azimuths, of_library
+from av_evaluation.hearing.free_field import WINDOW_S
+from av_evaluation.hearing.peers import PEERS, Srp, azimuths
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import RATE, Source, delayed, scaled
+from av_evaluation.hearing.trials import C, Locate, Trials, Window, compare, ours, share
 from av_simulator.sound.rotor import RotorSignal
 
 RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
@@ -29,8 +29,6 @@ WIND_DB = -10.0  # noise that microphones do not share, over the target
 LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
 LEVELS_DB = {2: (-5.0, 0.0, 10.0, 15.0, 20.0), 8: (-5.0, 10.0, 20.0, 30.0)}
 SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'music')}
-
-Locate = Callable[[NDArray], tuple[NDArray, float]]  # sound (n, m) -> azimuths (rad) of mirror images, and confidence
 
 
 class Rig:
@@ -72,13 +70,6 @@ def _heard(array: MicrophoneArray, place: NDArray, speed_hz: float, key: list[in
     return delayed(np.fft.rfft(emitted), np.fft.rfftfreq(count, 1.0 / RATE), ranges / C, count, count) / ranges
 
 
-class Window(NamedTuple):
-    """Sound (n, m) under own noise, and the azimuth (rad) of the target."""
-
-    sound: NDArray
-    azimuth: float
-
-
 def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:
     """A target at any azimuth under the rig's own noise.
 
@@ -92,7 +83,7 @@ def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:
     target = source(rng, WINDOW_S, -rig.array.positions @ angles_to_direction(azimuth) / C)
     own, wind = rig.noise(rng, len(target)), rng.normal(size=target.shape)
     sound = target + scaled(own, target, level_db) + scaled(wind, target, WIND_DB)
-    return Window((0.1 * sound / sound.std()).astype(np.float32), azimuth)
+    return Window((0.1 * sound / sound.std()).astype(np.float32), RATE, rig.array, azimuth)
 
 
 def methods(rig: Rig) -> dict[str, Locate]:
@@ -101,26 +92,12 @@ def methods(rig: Rig) -> dict[str, Locate]:
     Parameters:
         rig: the rig, of which those that whiten know a recording of ten seconds.
     """
-    whitened = Srp(rig.array, RATE, angles_to_direction(azimuths(rig.array.channels)), rig.recording)
     return {
-        'no recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'])),
-        'recording': _ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
-        'recording, music': _ours(Localizer(rig.array, RATE, SETTINGS['music'], rig.recording)),
-        'SRP-PHAT': lambda sound: (_images(rig.array, of_library('SRP', sound, rig.array, RATE)), 0.0),
-        'MUSIC': lambda sound: (_images(rig.array, of_library('MUSIC', sound, rig.array, RATE)), 0.0),
-        'whitened SRP': lambda sound: (_images(rig.array, float(direction_to_angles(whitened.direction(sound))[0])), 0.0)}
-
-
-def _ours(localizer: Localizer) -> Locate:
-    def locate(sound: NDArray) -> tuple[NDArray, float]:
-        estimate, = localizer.process(sound, localizer.next_sample)
-        return estimate.azimuth, float(np.max(estimate.confidence, initial=0.0))
-
-    return locate
-
-
-def _images(array: MicrophoneArray, azimuth: float) -> NDArray:
-    return np.array([azimuth, np.pi - azimuth] if array.rank == 1 else [azimuth])
+        'no recording': ours(Localizer(rig.array, RATE, SETTINGS['ml'])),
+        'recording': ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
+        'recording, music': ours(Localizer(rig.array, RATE, SETTINGS['music'], rig.recording)),
+        **{name: PEERS[name] for name in ('SRP-PHAT', 'MUSIC')},
+        'whitened SRP': Srp(rig.array, RATE, angles_to_direction(azimuths(rig.array.channels)), rig.recording).locate}
 
 
 def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator[Figure]:
@@ -136,23 +113,21 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
         array = next(array for array in ARRAYS if array.channels == microphones)
         equipped = [(rig, methods(rig)) for rig in (Rig(array, seed) for seed in range(rigs))]
         for level_db in levels:
-            rng, wrong, confident = np.random.default_rng(81), dict[str, list[bool]](), dict[str, list[bool]]()
-            for k in range(count):
-                rig, known = equipped[k % rigs]
-                heard = window(rng, rig, drones[rng.integers(len(drones))], level_db)
-                for name, locate in known.items():
-                    azimuths, confidence = locate(heard.sound)
-                    far = bool(np.min(np.abs(wrap(azimuths - heard.azimuth)), initial=np.inf) > np.radians(FAR_OFF_DEG))
-                    wrong.setdefault(name, []).append(far)
-                    confident.setdefault(name, []).append(confidence >= CONFIDENCE_THRESHOLD)
-            for name, far_off in wrong.items():
-                title, share = f'{microphones} microphones, own noise {level_db:+.0f} dB, {name}', float(np.mean(far_off))
+            rng = np.random.default_rng(81)
+            heard = [window(rng, equipped[k % rigs][0], drones[rng.integers(len(drones))], level_db) for k in range(count)]
+            parts = [compare(heard[k::rigs], known) for k, (_, known) in enumerate(equipped[:count])]
+            for name in parts[0]:
                 limit = LIMITS.get((microphones, level_db)) if name == 'recording' else None
-                yield Figure(f'{title}: beyond 20 deg', 100.0 * share, '%', limit)
-                if 'recording' in name:
-                    sure, astray = np.array(confident[name]), np.array(far_off)
-                    limited = name != 'recording, music' and share > 0.1
-                    yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & astray) / max(astray.sum(), 1), '%',
-                                 10.0 if limited else None)
-                    yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~astray) / max((~astray).sum(), 1),
-                                 '%')
+                yield from _figures(f'{microphones} microphones, own noise {level_db:+.0f} dB, {name}',
+                                    Trials.together(part[name] for part in parts), limit)
+
+
+def _figures(title: str, result: Trials, limit: float | None) -> Iterator[Figure]:
+    """Of a method; `limit` (%) is that of directions beyond 20 degrees."""
+    yield Figure(f'{title}: beyond 20 deg', share(result.far), '%', limit)
+    if 'recording' in title:
+        sure, astray = result.passed, result.far
+        limited = not title.endswith('music') and share(astray) > 10.0
+        yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & astray) / max(astray.sum(), 1), '%',
+                     10.0 if limited else None)
+        yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~astray) / max((~astray).sum(), 1), '%')

@@ -33,8 +33,8 @@ from av_common.angles import angles_to_direction
 from av_common.frames import rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG
 from av_evaluation.hearing.peers import Srp
+from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD, FAR_OFF_DEG
 
 FRAME_S, HOP_S = 0.5, 0.25  # of the competition
 HIT_DEG = 10.0  # of the competition

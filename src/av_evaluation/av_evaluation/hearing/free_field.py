@@ -2,154 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from time import process_time
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from std_msgs.msg import Header
 
-from av_audio.directions import angle_to_axis
 from av_audio.drone_classifier import load_model
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
-from av_common.acoustics import speed_of_sound
-from av_common.angles import angles_to_direction, wrap
+from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.places import pair
+from av_evaluation.hearing.places import PAIR, free_field
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
+from av_evaluation.hearing.trials import INTERVAL, C, Trials, compare, error_deg, error_figures, ours, rms, share
 
-PAIR = pair(0.2)
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
-C = speed_of_sound(20.0)
 WINDOW_S = 0.5
-FAR_OFF_DEG = 20.0
-CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
 SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
 APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false
 
 Sources = dict[str, Source]
-Maker = Callable[[Generator], tuple[NDArray, float]]  # sound (n, m) of a window, and the azimuth (rad) from which it comes
 
 
-@dataclass(frozen=True)
-class Trials:
-    """Results of n independent windows.
-
-    Parameters:
-        error (n,) (deg): azimuth error of the closer mirror image.
-        sigma (n,) (deg): estimated standard deviation.
-        confidence (n,): confidence 0..1.
-    """
-
-    error: NDArray
-    sigma: NDArray
-    confidence: NDArray
-
-    @classmethod
-    def together(cls, parts: Sequence[Trials]) -> Trials:
-        """The windows of several results."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in ('error', 'sigma', 'confidence')))
-
-    @property
-    def passed(self) -> NDArray:
-        """Which windows (n,) exceed the default confidence."""
-        return self.confidence >= CONFIDENCE_THRESHOLD
-
-    @property
-    def coverage(self) -> float:
-        """Percentage of passed errors within 1.64 sigma, 90 by definition."""
-        return 100.0 * float(np.mean(self.error[self.passed] <= 1.64 * self.sigma[self.passed]))
-
-
-def trials(rng: Generator, make: Maker, count: int, array: MicrophoneArray = PAIR) -> Trials:
-    """Results of independent windows.
-
-    Parameters:
-        rng: random numbers.
-        make: a window of sound and its azimuth.
-        count: number of windows.
-        array: the microphones.
-    """
-    localizer, rows = Localizer(array, RATE, SETTINGS), list[tuple[float, float, float]]()
-    for _ in range(count):
-        sound, azimuth = make(rng)
-        estimate, = localizer.process(sound, localizer.next_sample)
-        rows.append((azimuth_error(estimate, azimuth), float(np.degrees(np.sqrt(estimate.azimuth_variance[0]))),
-                     float(estimate.confidence[0])))
-    return Trials(*np.array(rows).T)
-
-
-def azimuth_error(estimate: DoaEstimate, azimuth: float) -> float:
-    """Error in deg of the mirror image that is closest to the true azimuth in rad."""
-    return float(np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth)))))
-
-
-def rms(values: NDArray) -> float:
-    """Root of the mean square; NaN for none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float('nan')
-
-
-def still(source: Source, snr_db: float, azimuths_deg: tuple[float, float] = (-180.0, 180.0)) -> Maker:
-    """Plane waves of a source at an SNR in dB, from azimuths drawn uniformly from a range in deg."""
-    def make(rng: Generator) -> tuple[NDArray, float]:
-        azimuth = float(np.radians(rng.uniform(*azimuths_deg)))
-        return add_noise(rng, source(rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C), snr_db), azimuth
-    return make
+def _trials(seed: int, source: Source, snr_db: float, count: int, azimuths_deg: tuple[float, float] = (-180.0, 180.0)
+            ) -> Trials:
+    """Results of independent windows of a pair at an SNR in dB, from azimuths drawn uniformly from a range in deg."""
+    rng, field = np.random.default_rng(seed), free_field([source], azimuths_deg)
+    windows = (field(rng, WINDOW_S, snr_db) for _ in range(count))
+    return compare(windows, {'ours': ours(Localizer(PAIR, RATE, SETTINGS))})['ours']
 
 
 def accuracy(count: int, sources: Sources) -> Iterator[Figure]:
-    """RMSE over the full circle with mirror images folded, and the Cramer-Rao bound.
+    """RMSE over the full circle with mirror images folded.
 
-    The limits apply to rotors, except to those with equal power per octave at -10 dB: there the bound itself, which assumes
+    The limits apply to rotors, except to those with equal power per octave at -10 dB: there the Cramer-Rao bound, which assumes
     a known spectrum, is 3 degrees.
     """
     limits = {10.0: 0.6, 0.0: 1.0, -5.0: 2.0, -10.0: 4.0}
     for name, source in sources.items():
         for snr_db in (20.0, *limits):
-            result = trials(np.random.default_rng(31), still(source, snr_db), count)
+            result = _trials(31, source, snr_db, count)
             limited = name == 'bright rotors' or (name == 'rotors' and snr_db > -10.0)
             yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rms(result.error), 'deg',
                          limits.get(snr_db) if limited else None)
-            yield Figure(f'{name}, {snr_db:+.0f} dB: Cramer-Rao bound', bound_rms(source, snr_db, count), 'deg')
-            yield Figure(f'{name}, {snr_db:+.0f} dB: median error', float(np.median(result.error)), 'deg')
-            yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', 100.0 * result.passed.mean(), '%')
-
-
-def bound_rms(source: Source, snr_db: float, count: int) -> float:
-    """RMSE in deg over the full circle of delays with the variance of the Cramer-Rao bound, converted to angles like ours.
-
-    The bound is that of Gaussian sound with a known spectrum (Knapp and Carter, 1976, eq. 45); the spectrum is the
-    periodogram of each window, averaged over three bins. At high SNR the few windows within a degree of the axis dominate
-    both this value and that of the localizer.
-    """
-    rng = np.random.default_rng(36)
-    frequencies = np.fft.rfftfreq(round(WINDOW_S * RATE), 1.0 / RATE)
-    inside = (frequencies >= BAND_HZ[0]) & (frequencies <= BAND_HZ[1])
-    omega = 2.0 * np.pi * frequencies[inside]
-    errors = []
-    for azimuth in np.pi * ((np.arange(count) + 0.5) / count - 0.5):
-        power = np.abs(np.fft.rfft(source(rng, WINDOW_S, np.zeros(1))[:, 0])[inside]) ** 2
-        snr = uniform_filter1d(power / power.mean(), 3) * 10.0 ** (snr_db / 10.0)
-        sigma_q = C / PAIR.aperture / np.sqrt(2.0 * np.sum(omega**2 * snr**2 / (1.0 + 2.0 * snr)))
-        angle, _ = angle_to_axis(np.sin(azimuth) + sigma_q * rng.normal(), sigma_q)
-        errors.append(np.degrees(np.pi / 2.0 - angle - azimuth))
-    return rms(np.array(errors))
+            yield from error_figures(f'{name}, {snr_db:+.0f} dB', result, ['median error'])
+            yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', share(result.passed), '%')
 
 
 def bound(count: int) -> Iterator[Figure]:
     """RMSE over the Cramer-Rao bound (Knapp and Carter, 1976) for a flat source at 30 to 150 degrees from the axis."""
     low, high = BAND_HZ
     for snr_db in (20.0, 10.0, 0.0):
-        result = trials(np.random.default_rng(33), still(flat, snr_db, (-60.0, 60.0)), count)
+        result = _trials(33, flat, snr_db, count, (-60.0, 60.0))
         snr = 10.0 ** (snr_db / 10.0)
         delay = np.sqrt(3.0 * (1.0 + 2.0 * snr) / (8.0 * np.pi**2 * WINDOW_S * snr**2 * (high**3 - low**3)))
         bounds = C * delay / (PAIR.aperture * np.cos(np.radians(np.linspace(-60.0, 60.0, 1001))))
@@ -162,15 +74,14 @@ def sigma(count: int, sources: Sources) -> Iterator[Figure]:
     pooled = []
     for name, source in sources.items():
         for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0):
-            pooled.append(trials(np.random.default_rng(34), still(source, snr_db), count))
+            pooled.append(_trials(34, source, snr_db, count))
             yield Figure(f'{name}, {snr_db:+.0f} dB: errors within 1.64 sigma', pooled[-1].coverage, '%')
     everything = Trials.together(pooled)
     yield Figure('all sources, +20 to -10 dB: errors within 1.64 sigma', everything.coverage, '%', 97.0, 85.0)
-    yield Figure('all sources, +20 to -10 dB: errors above 20 deg',
-                 100.0 * np.mean(everything.error[everything.passed] > 20.0), '%', 1.0)
+    yield Figure('all sources, +20 to -10 dB: errors above 20 deg', share(everything.far[everything.passed]), '%', 1.0)
     for name, source in sources.items():
-        result = trials(np.random.default_rng(35), still(source, -20.0), count)
-        yield Figure(f'{name}, -20 dB: share above the default confidence', 100.0 * result.passed.mean(), '%', 2.0)
+        result = _trials(35, source, -20.0, count)
+        yield Figure(f'{name}, -20 dB: share above the default confidence', share(result.passed), '%', 2.0)
 
 
 def square(count: int) -> Iterator[Figure]:
@@ -180,13 +91,13 @@ def square(count: int) -> Iterator[Figure]:
         azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(0.0, 60.0))
         window = add_noise(rng, rotors(rng, WINDOW_S, -SQUARE.positions @ angles_to_direction(azimuth, elevation) / C), 10.0)
         estimate, = localizer.process(window, localizer.next_sample)
-        rows.append((azimuth_error(estimate, azimuth), np.degrees(estimate.elevation[0] - elevation),
+        rows.append((error_deg(estimate.azimuth, azimuth), np.degrees(estimate.elevation[0] - elevation),
                      len(estimate.azimuth), np.degrees(np.sqrt(estimate.azimuth_variance[0]))))
     azimuth_errors, elevation_errors, hypotheses, sigmas = np.array(rows).T
     yield Figure('square of 65 mm, +10 dB: azimuth RMSE', rms(azimuth_errors), 'deg', 2.0)
     yield Figure('square of 65 mm, +10 dB: elevation RMSE', rms(elevation_errors), 'deg', 5.0)
     yield Figure('square of 65 mm: hypotheses', hypotheses.max(), '', 1.0)
-    yield Figure('square of 65 mm: azimuth errors within 1.64 sigma', 100.0 * np.mean(azimuth_errors < 1.64 * sigmas), '%')
+    yield Figure('square of 65 mm: azimuth errors within 1.64 sigma', share(azimuth_errors < INTERVAL * sigmas), '%')
 
 
 def several(count: int, sources: Sources) -> Iterator[Figure]:
@@ -230,14 +141,14 @@ def _several_figures(name: str, array: MicrophoneArray, number: int, below_db: f
     yield Figure(f'{name}: found', 100.0 * len(errors) / (number * count), '%')
     yield Figure(f'{name}: false directions in a window', 100.0 * false / count, '%', 10.0)
     yield Figure(f'{name}: RMSE', rms(errors), 'deg')
-    yield Figure(f'{name}: errors within 1.64 sigma', 100.0 * float(np.mean(errors < 1.64 * sigmas)), '%')
+    yield Figure(f'{name}: errors within 1.64 sigma', share(errors < INTERVAL * sigmas), '%')
 
 
 def _assigned(estimate: DoaEstimate, azimuths: NDArray) -> list[tuple[float, float]]:
     """Error and sigma in deg of the direction of each source at azimuths (s,) that is found, the strongest direction first."""
     left, found = list(azimuths), list[tuple[float, float]]()
     for source in estimate.sources:
-        errors = [azimuth_error(source, azimuth) for azimuth in left]
+        errors = [error_deg(source.azimuth, azimuth) for azimuth in left]
         if errors and min(errors) < FOUND_DEG:
             left.pop(int(np.argmin(errors)))
             found.append((min(errors), float(np.degrees(np.sqrt(source.azimuth_variance[0])))))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,51 +10,53 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from av_audio.ego_noise import SHARES, NoiseRecording
-from av_common.acoustics import speed_of_sound
+from av_common.angles import direction_to_angles
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.trials import C, Found, Locate, Window
 
 UPSAMPLING = 16  # of the plain GCC-PHAT
 FULL_HZ = (100.0, 0.49)  # lower edge in Hz, upper edge as a share of the sample rate
 WHITENED_HZ = (300.0, 7500.0)  # band of the whitened SRP
 LENGTH = 1024  # of its transform
 GRID_DEG = 1.0
-C = speed_of_sound(20.0)
 
 
-def gcc_phat(sound: NDArray, array: MicrophoneArray, rate: int) -> float:
-    """Azimuth in rad, -pi/2 to pi/2, by the full-band GCC-PHAT of a pair, upsampled (Knapp and Carter, 1976).
-
-    Parameters:
-        sound (n, 2): samples of a window.
-        array: the pair.
-        rate (Hz): sample rate.
-    """
+def gcc_phat(window: Window) -> Found:
+    """The full-band GCC-PHAT of a pair, upsampled (Knapp and Carter, 1976)."""
+    sound, rate, array, _ = window
     first, second = np.fft.rfft(sound.T, 2 * len(sound))
     cross = first * second.conj()
     correlation = np.fft.irfft(cross / np.maximum(np.abs(cross), 1e-12), UPSAMPLING * 2 * len(sound))
     reach = int(np.ceil(UPSAMPLING * rate * array.aperture / C))
     lags = np.arange(-reach, reach + 1)
     delay = -lags[np.argmax(correlation[lags])] / (UPSAMPLING * rate)
-    return folded(array, delay * C / array.aperture)
+    return mirrored(array, folded(array, delay * C / array.aperture))
 
 
-def of_library(method: str, sound: NDArray, array: MicrophoneArray, rate: int) -> float:
-    """Azimuth in rad of a method of pyroomacoustics in the full band, on a grid of one degree; -pi/2 to pi/2 for a pair.
+def of_library(method: str, window: Window) -> Found:
+    """A method of pyroomacoustics in the full band, on a grid of one degree.
 
     Parameters:
         method: 'SRP' or 'MUSIC'.
-        sound (n, m): samples of a window.
-        array: the microphones.
-        rate (Hz): sample rate.
+        window: the sound.
 
     Raises ImportError without pyroomacoustics.
     """
     import pyroomacoustics
+    sound, rate, array, _ = window
     algorithm = _algorithm(method, array.positions[:, :2].tobytes(), array.channels, rate)
     frames = pyroomacoustics.transform.stft.analysis(sound.astype(float), algorithm.nfft, algorithm.nfft // 2)
     algorithm.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=[FULL_HZ[0], FULL_HZ[1] * rate])
     azimuth = float(algorithm.azimuth_recon[0])
-    return folded(array, float(np.sin(azimuth))) if array.rank == 1 else azimuth
+    return mirrored(array, folded(array, float(np.sin(azimuth))) if array.rank == 1 else azimuth)
+
+
+PEERS: dict[str, Locate] = {'GCC-PHAT': gcc_phat, 'SRP-PHAT': partial(of_library, 'SRP'), 'MUSIC': partial(of_library, 'MUSIC')}
+
+
+def mirrored(array: MicrophoneArray, azimuth: float) -> Found:
+    """An azimuth (rad), of a pair with its mirror image, of a method that states no more."""
+    return np.array([azimuth, np.pi - azimuth] if array.rank == 1 else [azimuth]), np.nan, 0.0
 
 
 def folded(array: MicrophoneArray, q: float) -> float:
@@ -102,6 +104,10 @@ class Srp:
         lead = array.positions @ directions.T / C
         steering = self._whitener @ np.exp(2j * np.pi * frequencies[self._used, None, None] * lead)
         self._steering = (steering / np.linalg.norm(steering, axis=1, keepdims=True)).astype(np.complex64)  # (k, m, g)
+
+    def locate(self, window: Window) -> Found:
+        """The direction of a window as a `Locate`."""
+        return mirrored(window.array, float(direction_to_angles(self.direction(window.sound))[0]))
 
     def direction(self, sound: NDArray) -> NDArray:
         """Unit vector (3,) of a window (n, m)."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ from scipy import signal
 
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.hearing.signals import RATE, Source, add_noise
+from av_evaluation.hearing.trials import C, Window
 
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 GRID = math.radians(5.0)    # between measured directions of the ears
@@ -35,23 +34,6 @@ REFLECTION_GAIN = (0.2, 0.7)
 TAIL_S = 0.3
 TAIL_T60_S = (0.2, 0.6)
 TAIL_LEVEL = (0.1, 0.6)
-
-
-@dataclass(frozen=True)
-class Window:
-    """A window of sound of two microphones.
-
-    Parameters:
-        sound (n, 2): samples.
-        rate (Hz): sample rate.
-        array: the microphones.
-        cosine: cosine of the true angle to their axis.
-    """
-
-    sound: NDArray
-    rate: int
-    array: MicrophoneArray
-    cosine: float
 
 
 # Makes one window of a given length in s and SNR in dB from random numbers.
@@ -72,7 +54,7 @@ def shoebox(size: NDArray, t60: float, largest_order: int = LARGEST_ORDER) -> An
     absorption, order = pyroomacoustics.inverse_sabine(t60, size)
     room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
                                    max_order=min(order, largest_order))
-    room.set_sound_speed(speed_of_sound(20.0))
+    room.set_sound_speed(C)
     return room
 
 
@@ -134,14 +116,21 @@ def pair(spacing: float) -> MicrophoneArray:
     return MicrophoneArray(np.array([[0.0, 0.5 * spacing, 0.0], [0.0, -0.5 * spacing, 0.0]]))
 
 
-def free_field(sources: list[Source]) -> Field:
-    """Plane waves from all azimuths."""
+PAIR = pair(0.2)
+
+
+def free_field(sources: Sequence[Source], azimuths_deg: tuple[float, float] = (-180.0, 180.0)) -> Field:
+    """Plane waves at PAIR.
+
+    Parameters:
+        sources: generators of sound, of which each window has one.
+        azimuths_deg (deg): range from which azimuths are drawn uniformly.
+    """
     def window(rng: Generator, seconds: float, snr_db: float) -> Window:
-        array = pair(0.2)
-        direction = angles_to_direction(rng.uniform(-np.pi, np.pi))
-        delays = -array.positions @ direction / speed_of_sound(20.0)
-        sound = sources[rng.integers(len(sources))](rng, seconds, delays)
-        return Window(add_noise(rng, sound, snr_db), RATE, array, float(direction[1]))
+        azimuth = float(np.radians(rng.uniform(*azimuths_deg)))
+        source = sources[rng.integers(len(sources))]
+        sound = source(rng, seconds, -PAIR.positions @ angles_to_direction(azimuth) / C)
+        return Window(add_noise(rng, sound, snr_db), RATE, PAIR, azimuth)
 
     return window
 
@@ -158,18 +147,18 @@ def rooms(rng: Generator, count: int, sources: list[Source], rate: int = RATE) -
     responses = [_random_response(rng) for _ in range(count)]
 
     def window(rng: Generator, seconds: float, snr_db: float) -> Window:
-        response, array, cosine = responses[rng.integers(count)]
+        response, array, azimuth = responses[rng.integers(count)]
         dry = sources[rng.integers(len(sources))](rng, SETTLED_S + seconds, np.zeros(1))[:, 0]
         wet = at_ears(dry, response)[-round(seconds * RATE):]
         common = np.gcd(rate, RATE)
         sound = signal.resample_poly(add_noise(rng, wet, snr_db), rate // common, RATE // common, axis=0)
-        return Window(sound, rate, array, cosine)
+        return Window(sound, rate, array, azimuth)
 
     return window
 
 
 def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, float]:
-    """Responses of both microphones in a random room, the pair, and the cosine of the source's angle to its axis."""
+    """Responses of both microphones in a random room, the pair, and the azimuth (rad) on the cone of the source."""
     while True:
         size, t60 = rng.uniform([4.0, 3.5, 2.5], [10.0, 8.0, 4.0]), rng.uniform(*T60_S)
         place = rng.uniform([0.5, 0.5, 1.0], [size[0] - 0.5, size[1] - 0.5, 1.8])
@@ -185,7 +174,7 @@ def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, fl
         room.add_source(place + away)
         room.add_microphone_array((place + array.positions[:, 1:2] * axis).T)
         room.compute_rir()
-        return [microphone[0] for microphone in room.rir], array, float(axis @ away / np.linalg.norm(away))
+        return [microphone[0] for microphone in room.rir], array, float(np.arcsin(axis @ away / np.linalg.norm(away)))
 
 
 def diffuse_tail(rng: Generator, direct: NDArray, rate: int) -> NDArray:
@@ -236,7 +225,7 @@ class Head:
             common = np.gcd(self.rate, RATE)
             dry = signal.resample_poly(dry, self.rate // common, RATE // common)
             sound = add_noise(rng, at_ears(dry, response)[-round(seconds * self.rate):], snr_db)
-            return Window(sound, self.rate, self.array, float(np.sin(self.azimuths[k])))
+            return Window(sound, self.rate, self.array, float(self.azimuths[k]))
 
         return window
 

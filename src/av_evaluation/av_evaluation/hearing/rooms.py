@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
-from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import wrap
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, azimuth_error, rms
-from av_evaluation.hearing.peers import gcc_phat, of_library
+from av_evaluation.hearing.peers import PEERS
 from av_evaluation.hearing.places import (
     Field,
     Head,
-    Window,
     at_ears,
     calibrated_ears,
     free_field,
@@ -25,6 +25,7 @@ from av_evaluation.hearing.places import (
     with_own_noise,
 )
 from av_evaluation.hearing.signals import RATE, Source, load_clip
+from av_evaluation.hearing.trials import Found, Locate, Window, compare, error_figures, ours, rms, share
 
 ROOMS = 100
 # The default may be worse than the best of the others by this factor.
@@ -66,52 +67,35 @@ def kemar(data: Path) -> Iterator[Figure]:
     if not clips:
         raise FileNotFoundError(f'no drone recordings in {data}')
     array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips])
-    results = [(np.degrees(wrap(azimuths[k])), azimuth_error(estimate, azimuths[k]))
-               for k in range(1, len(azimuths), 2) for clip in clips
-               for estimate in Localizer(array, rate, LocalizerSettings(hop_s=0.5)).process(
-                   with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 0)]
-    truth, errors = np.array(results).T
+    heard = [Window(sound, rate, array, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
+             for sound in np.split(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 4)]
+    errors = compare(heard, {'ours': ours(Localizer(array, rate, LocalizerSettings(hop_s=0.5)))})['ours'].error
+    truth = np.degrees(wrap(np.array([window.azimuth for window in heard])))
     yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
     yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
     yield Figure('KEMAR, all azimuths, folded: RMSE', rms(errors), 'deg')
-    yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', 100.0 * np.mean(errors > 20.0), '%')
+    yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', share(errors > 20.0), '%')
     yield Figure('KEMAR, all azimuths, folded: largest error', errors.max(), 'deg')
 
 
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
     rng = np.random.default_rng(63)
-    others: dict[str, Callable[[Window], float]] = {
-        'GCC-PHAT': lambda heard: gcc_phat(heard.sound, heard.array, heard.rate),
-        'SRP-PHAT': lambda heard: of_library('SRP', heard.sound, heard.array, heard.rate)}
-    rows: list[list[float]] = []
-    marks: list[tuple[float, float]] = []
-    for _ in range(count):
-        window = field(rng, window_s, snr_db)
-        estimates = {method: _localize(window, settings) for method, settings in SETTINGS.items()}
-        azimuths = [float(np.arcsin(np.sin(estimate.azimuth[0]))) for estimate in estimates.values()]
-        azimuths += [locate(window) for locate in others.values()]
-        rows.append([float(np.degrees(abs(azimuth - np.arcsin(window.cosine)))) for azimuth in azimuths])
-        default = estimates['default']
-        marks.append((float(default.confidence[0]), float(np.degrees(np.sqrt(default.azimuth_variance[0])))))
-    errors = dict(zip([*SETTINGS, *others], np.array(rows).T, strict=True))
-    for method, error in errors.items():
-        yield Figure(f'{name}, {method}: median error', float(np.median(error)), 'deg')
-        yield Figure(f'{name}, {method}: RMSE', rms(error), 'deg')
-        yield Figure(f'{name}, {method}: beyond 20 deg', 100.0 * float(np.mean(error > FAR_OFF_DEG)), '%')
+    methods: dict[str, Locate] = {method: partial(_localize, settings) for method, settings in SETTINGS.items()}
+    methods |= {method: PEERS[method] for method in ('GCC-PHAT', 'SRP-PHAT')}
+    results = compare((field(rng, window_s, snr_db) for _ in range(count)), methods)
+    for method, result in results.items():
+        yield from error_figures(f'{name}, {method}', result)
+    default = results['default']
     for what, measure in (('median', np.median), ('RMSE', rms)):
-        best = min(float(measure(errors[method])) for method in EVEN)
-        yield Figure(f'{name}: {what} over the best of PHAT, GCC-PHAT and SRP', float(measure(errors['default'])) / best, '',
-                     MARGIN)
-    confidence, sigma = np.array(marks).T
-    passed = confidence >= CONFIDENCE_THRESHOLD
-    error = errors['default'][passed]
-    yield Figure(f'{name}: above the default confidence', 100.0 * float(passed.mean()), '%')
-    yield Figure(f'{name}: of those beyond 20 deg', 100.0 * float(np.mean(error > FAR_OFF_DEG)), '%', 3.0)
-    yield Figure(f'{name}: of those within 1.64 sigma', 100.0 * float(np.mean(error < 1.64 * sigma[passed])), '%')
+        best = min(float(measure(results[method].error)) for method in EVEN)
+        ratio = float(measure(default.error)) / best
+        yield Figure(f'{name}: {what} over the best of PHAT, GCC-PHAT and SRP', ratio, '', MARGIN)
+    yield Figure(f'{name}: above the default confidence', share(default.passed), '%')
+    yield Figure(f'{name}: of those beyond 20 deg', share(default.far[default.passed]), '%', 3.0)
+    yield Figure(f'{name}: of those within 1.64 sigma', default.coverage, '%')
 
 
-def _localize(window: Window, settings: LocalizerSettings) -> DoaEstimate:
-    localizer = Localizer(window.array, window.rate, LocalizerSettings(
-        window_s=len(window.sound) / window.rate, method=settings.method, wideband=settings.wideband))
-    estimate, = localizer.process(window.sound, 0)
-    return estimate
+def _localize(settings: LocalizerSettings, window: Window) -> Found:
+    """By a localizer of its own, as arrays and lengths of windows differ."""
+    settings = replace(settings, window_s=len(window.sound) / window.rate)
+    return ours(Localizer(window.array, window.rate, settings))(window)

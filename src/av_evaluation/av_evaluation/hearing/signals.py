@@ -69,30 +69,32 @@ bright_rotors: Source = partial(rotors, decay=0.0)
 
 
 def recordings(folder: Path) -> Source:
-    """A source of random excerpts of the drone recordings in a folder, delayed by phase shifts of their spectrum."""
+    """A source of random excerpts of the drone recordings in a folder."""
     clips = [load_clip(path) for path in sorted(folder.glob('DRONE_*.flac'))]
 
-    def excerpt(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+    def part(rng: Generator, length: int) -> NDArray:
         clip = clips[rng.integers(len(clips))]
-        count, pad = round(seconds * RATE), RATE // 10
-        start = rng.integers(len(clip) - count - 2 * pad)
-        part = clip[start:start + count + 2 * pad]
-        frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
-        return delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
+        start = rng.integers(len(clip) - length)
+        return np.asarray(clip[start:start + length])
 
-    return excerpt
+    return partial(_excerpt, part)
 
 
 def simulated(sound: SourceSignal) -> Source:
-    """A source of random excerpts of the first minute of a sound of the simulator, delayed by phase shifts."""
-    def excerpt(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
-        count, pad, start = round(seconds * RATE), RATE // 10, int(rng.integers(60 * RATE))
+    """A source of random excerpts of the first minute of a sound of the simulator."""
+    def part(rng: Generator, length: int) -> NDArray:
+        start = int(rng.integers(60 * RATE))
         stream = sound.stream(RATE, [int(rng.integers(1000))], lambda times: np.zeros((len(times), 3)))
-        part = stream.read(start, start + count + 2 * pad)
-        frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
-        return delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
+        return stream.read(start, start + length)
 
-    return excerpt
+    return partial(_excerpt, part)
+
+
+def _excerpt(part: Callable[[Generator, int], NDArray], rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+    """Some sound (n, m), delayed by phase shifts of the spectrum of a longer part of it, which is given by its length."""
+    count, pad = round(seconds * RATE), RATE // 10
+    length = count + 2 * pad
+    return delayed(np.fft.rfft(part(rng, length)), np.fft.rfftfreq(length, 1.0 / RATE), delays, length, length)[pad:pad + count]
 
 
 def load_clip(path: Path) -> NDArray:

@@ -6,14 +6,18 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
 from av_audio.drone_classifier import DroneClassifier, load_model
 from av_audio.localizer import Localizer
-from av_common.angles import angles_to_direction, wrap
+from av_common.angles import angles_to_direction
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, FAR_OFF_DEG, PAIR, SETTINGS, WINDOW_S, C
-from av_evaluation.hearing.peers import gcc_phat, of_library
+from av_evaluation.hearing.free_field import SETTINGS, WINDOW_S
+from av_evaluation.hearing.peers import PEERS
+from av_evaluation.hearing.places import PAIR
 from av_evaluation.hearing.signals import RATE, Source, add_noise, comb, flat, scaled, simulated
+from av_evaluation.hearing.trials import C, Window, compare, error_figures, ours, share
 from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
 from av_simulator.sound.noise import Wind
 
@@ -39,26 +43,21 @@ def wind(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
     drones = [source for name, source in sources.items() if name != 'flat noise']
     gusts = GALE.stream(RATE, PAIR.positions, [91]).read(0, round(POOL_S * RATE)).T
     for over_db in WIND_DB:
-        rng, localizer, errors, passed = np.random.default_rng(92), Localizer(PAIR, RATE, SETTINGS), list[list[float]](), []
-        for _ in range(count):
-            azimuth = float(rng.uniform(-np.pi, np.pi))
-            sound = drones[rng.integers(len(drones))](rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
-            start = int(rng.integers(len(gusts) - len(sound)))
-            sound = add_noise(rng, sound + scaled(gusts[start:start + len(sound)], sound, over_db), 30.0)
-            estimate, = localizer.process(sound, localizer.next_sample)
-            passed.append(bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD)))
-            truth = np.arcsin(np.sin(azimuth))
-            found = (float(np.arcsin(np.sin(estimate.azimuth[0]))), gcc_phat(sound, PAIR, RATE),
-                     *(of_library(method, sound, PAIR, RATE) for method in ('SRP', 'MUSIC')))
-            errors.append([float(np.degrees(abs(wrap(one - truth)))) for one in found])
-        table = np.array(errors)
-        for name, column in zip(('ours', 'GCC-PHAT', 'SRP-PHAT', 'MUSIC'), table.T, strict=True):
-            title = f'wind {over_db:+.0f} dB over the drone, {name}'
-            yield Figure(f'{title}: median error', float(np.median(column)), 'deg')
-            yield Figure(f'{title}: beyond 20 deg', 100.0 * float(np.mean(column > FAR_OFF_DEG)), '%')
-        sure = table[passed, 0]
-        yield Figure(f'wind {over_db:+.0f} dB over the drone, ours: of confident ones beyond 20 deg',
-                     100.0 * float(np.mean(sure > FAR_OFF_DEG)) if len(sure) else 0.0, '%', 3.0)
+        rng, title = np.random.default_rng(92), f'wind {over_db:+.0f} dB over the drone'
+        windows = (_windy(rng, drones, gusts, over_db) for _ in range(count))
+        results = compare(windows, {'ours': ours(Localizer(PAIR, RATE, SETTINGS)), **PEERS})
+        for name, result in results.items():
+            yield from error_figures(f'{title}, {name}', result, ['median error', 'beyond 20 deg'])
+        astray = results['ours'].far[results['ours'].passed]
+        yield Figure(f'{title}, ours: of confident ones beyond 20 deg', share(astray) if len(astray) else 0.0, '%', 3.0)
+
+
+def _windy(rng: Generator, drones: list[Source], gusts: NDArray, over_db: float) -> Window:
+    """A drone in wind (n, 2) that is `over_db` louder."""
+    azimuth = float(rng.uniform(-np.pi, np.pi))
+    sound = drones[rng.integers(len(drones))](rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
+    start = int(rng.integers(len(gusts) - len(sound)))
+    return Window(add_noise(rng, sound + scaled(gusts[start:start + len(sound)], sound, over_db), 30.0), RATE, PAIR, azimuth)
 
 
 def hiss(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
@@ -79,4 +78,4 @@ def hiss(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
             classifier.clear()
             classifier.add(add_noise(rng, sound, 10.0).astype(np.float32))
             judged.append(classifier.judge([PAIR.basis.T @ direction])[0].probability > 0.5)
-        yield Figure(f'{name}: seconds judged a drone', 100.0 * float(np.mean(judged)), '%')
+        yield Figure(f'{name}: seconds judged a drone', share(np.array(judged)), '%')

@@ -1,0 +1,130 @@
+"""Windows of sound whose direction is known, what methods find in them, and how far that is off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.localizer import Localizer
+from av_common.acoustics import speed_of_sound
+from av_common.angles import wrap
+from av_common.microphone_array import MicrophoneArray
+from av_evaluation.figures import Figure
+
+C = speed_of_sound(20.0)
+FAR_OFF_DEG = 20.0
+CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
+INTERVAL = 1.64  # standard deviations, within which are 90 % of Gaussian errors
+
+
+class Window(NamedTuple):
+    """Sound and where it comes from.
+
+    Parameters:
+        sound (n, m): samples.
+        rate (Hz): sample rate.
+        array: the microphones.
+        azimuth (rad): of the source; of a pair that of either mirror image.
+    """
+
+    sound: NDArray
+    rate: int
+    array: MicrophoneArray
+    azimuth: float
+
+
+# Azimuths (k,) in rad of the strongest source's mirror images; sigma in rad and confidence, NaN and 0 where none is stated.
+Found = tuple[NDArray, float, float]
+Locate = Callable[[Window], Found]
+
+
+class Trials(NamedTuple):
+    """Results of a method in n windows.
+
+    Parameters:
+        error (n,) (deg): azimuth error of the closer mirror image; 180 where nothing is found.
+        sigma (n,) (deg): estimated standard deviation.
+        confidence (n,): confidence 0..1.
+    """
+
+    error: NDArray
+    sigma: NDArray
+    confidence: NDArray
+
+    @classmethod
+    def together(cls, parts: Iterable[Trials]) -> Trials:
+        """The windows of several results."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+
+    @property
+    def passed(self) -> NDArray:
+        """Which windows (n,) exceed the default confidence."""
+        return self.confidence >= CONFIDENCE_THRESHOLD
+
+    @property
+    def far(self) -> NDArray:
+        """Which windows (n,) are off by more than FAR_OFF_DEG."""
+        return self.error > FAR_OFF_DEG
+
+    @property
+    def coverage(self) -> float:
+        """Percentage of passed errors within INTERVAL, 90 by definition."""
+        return share((self.error <= INTERVAL * self.sigma)[self.passed])
+
+
+def compare(windows: Iterable[Window], methods: Mapping[str, Locate]) -> dict[str, Trials]:
+    """Results of each method in the same windows.
+
+    Parameters:
+        windows: sound with its direction.
+        methods: by name.
+    """
+    rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in methods}
+    for window in windows:
+        for name, locate in methods.items():
+            found, sigma, confidence = locate(window)
+            rows[name].append((error_deg(found, window.azimuth), float(np.degrees(sigma)), confidence))
+    return {name: Trials(*np.array(results).T) for name, results in rows.items()}
+
+
+def ours(localizer: Localizer) -> Locate:
+    """A localizer as a method; windows are as long as its own."""
+    def locate(window: Window) -> Found:
+        estimate, = localizer.process(window.sound, localizer.next_sample)
+        sigma = float(np.sqrt(estimate.azimuth_variance[0])) if len(estimate.azimuth) else np.nan
+        return estimate.azimuth, sigma, float(np.max(estimate.confidence, initial=0.0))
+
+    return locate
+
+
+def error_deg(azimuths: NDArray, azimuth: float) -> float:
+    """Error in deg of the azimuth (k,) that is closest to the true one (both in rad); 180 of none."""
+    return float(np.degrees(np.min(np.abs(wrap(azimuths - azimuth)), initial=np.pi)))
+
+
+def rms(values: NDArray) -> float:
+    """Root of the mean square; NaN of none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float('nan')
+
+
+def share(marked: NDArray) -> float:
+    """Percentage of the values (n,) that are true; NaN of none."""
+    return 100.0 * float(np.mean(marked)) if len(marked) else float('nan')
+
+
+def error_figures(title: str, result: Trials, quantities: Sequence[str] = ('median error', 'RMSE', 'beyond 20 deg')
+                  ) -> Iterator[Figure]:
+    """The figures of a method's errors.
+
+    Parameters:
+        title: of the method and its windows.
+        result: its errors.
+        quantities: which of the three.
+    """
+    known = {'median error': (float(np.median(result.error)), 'deg'), 'RMSE': (rms(result.error), 'deg'),
+             'beyond 20 deg': (share(result.far), '%')}
+    for quantity in quantities:
+        yield Figure(f'{title}: {quantity}', *known[quantity])
