@@ -55,7 +55,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)
     rigs = [entity for index in range(len(names)) for entity in _rig(arguments, names, index, radius, begin)]
-    return [*supervision.entities(), *rigs, node, *view_nodes(arguments, {})]
+    return [*supervision.entities(), *rigs, node, *view_nodes(arguments)]
 
 
 def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> list[LaunchDescriptionEntity]:

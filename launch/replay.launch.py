@@ -8,16 +8,22 @@ ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             pl
 
 from __future__ import annotations
 
-from launch import LaunchDescription, LaunchDescriptionEntity
+from collections.abc import Sequence
+
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch.actions import EmitEvent, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.events.process import ProcessExited
 
 from av_bringup.launching import (
+    BAG_TIME,
     RIG_ARGUMENTS,
     Arguments,
     LaunchedNode,
     describe,
     detector_nodes,
     doa_node,
-    ends_with,
     monitor_nodes,
     recorder_nodes,
     require,
@@ -25,7 +31,6 @@ from av_bringup.launching import (
     view_nodes,
 )
 
-BAG_TIME = {'use_sim_time': True}
 ARGUMENTS = {
     'bag': (None, 'the recording: a file or a folder, mcap or sqlite3 (.db3)', None),
     'only': ('raw', 'the stage that is played; later stages are computed', ['raw', 'doa', 'bearing', 'all']),
@@ -58,23 +63,23 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         found = find_topics(bag, names.KINDS, parse_remappings(arguments['remap'].split(',')),
                             arguments['recorded_namespace'])
     only = arguments['only']
-    pointing = rig_node(arguments, 'av_pointing', 'pointing_node', {'rig_file': arguments['rig'], **BAG_TIME})
-    receivers, others = monitor_nodes(arguments, BAG_TIME), []
+    timed = {**arguments, BAG_TIME: 'true'}
+    pointing = rig_node(timed, 'av_pointing', 'pointing_node', {'rig_file': arguments['rig']})
+    receivers, others = monitor_nodes(timed), []
     if only == 'raw' and names.AUDIO in found:
-        receivers.append(doa_node(arguments, BAG_TIME))
+        receivers.append(doa_node(timed))
     if only == 'raw' and arguments['model']:
-        receivers += detector_nodes(arguments, BAG_TIME)
+        receivers += detector_nodes(timed)
     if only in ('raw', 'doa'):
-        receivers.append(rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], **BAG_TIME}))
+        receivers.append(rig_node(timed, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig']}))
         others.append(pointing)
     if only == 'bearing':
         receivers.append(pointing)
     if names.FRAMES not in found or names.GIMBAL in found:  # which makes the gimbal's transforms
-        frames = {'rig_file': arguments['rig'], 'model': False, **BAG_TIME}
-        others.append(rig_node(arguments, 'av_pointing', 'rig_frames_node', frames))
-    receivers += recorder_nodes({**arguments, 'bags': ''}, BAG_TIME)
+        others.append(rig_node(timed, 'av_pointing', 'rig_frames_node', {'rig_file': arguments['rig'], 'model': False}))
+    receivers += recorder_nodes({**timed, 'bags': ''})
     player = player_node(arguments, [node.node_executable for node in receivers])
-    processes = [*others, *receivers, *view_nodes(arguments, BAG_TIME), player]
+    processes = [*others, *receivers, *view_nodes(timed), player]
     return [*ends_with(player, processes), *processes]
 
 
@@ -92,3 +97,18 @@ def player_node(arguments: Arguments, receivers: list[str]) -> LaunchedNode:
         **texts, **numbers, **counts, 'position': float(arguments['start']),
         'remap': arguments['remap'].split(','), 'wait_for': receivers,
         'detections': not arguments['model']}, output='screen', respawn=False)
+
+
+def ends_with(last: LaunchedNode, processes: Sequence[LaunchedNode]) -> list[LaunchDescriptionEntity]:
+    """Event handlers that end the launch; a process that ends before fails it, with an exit code other than 0.
+
+    Parameters:
+        last: the process whose end is the run's.
+        processes: all processes of the run.
+    """
+    def check(event: ProcessExited, context: LaunchContext) -> None:
+        if event.action in processes and not context.is_shutdown and (event.action is not last or event.returncode):
+            raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')
+    shutdown = EmitEvent(event=Shutdown(reason='the run is over'))
+    return [RegisterEventHandler(OnProcessExit(on_exit=check)),
+            RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]

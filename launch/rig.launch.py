@@ -23,7 +23,6 @@ from launch.actions import ExecuteProcess, LogInfo, TimerAction
 
 from av_bringup.launching import (
     CONFIG,
-    REPORT_ARGUMENTS,
     RIG_ARGUMENTS,
     Arguments,
     MissingPackageError,
@@ -34,7 +33,6 @@ from av_bringup.launching import (
     doa_node,
     monitor_nodes,
     recorder_nodes,
-    report_nodes,
     require,
     rig_node,
     view_nodes,
@@ -48,6 +46,13 @@ PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware 
 PAGE_START_S = 1.0  # people wait for the page: its process has the cores to itself until it is there
 HOW_TO_ENABLE = ('commands move nothing yet; enable them from the start by enable_pointing:=true, or now by: ros2 service call '
                  "{namespace}/pointing_node/enable std_srvs/srv/SetBool '{{data: true}}'")
+# Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
+REPORTS = (('sapient', 'sapient.peer', 'fusion node of SAPIENT, host:port', 'sapient_msg'),
+           ('cot', 'cot.url', 'Cursor on Target, udp://239.2.3.1:6969, udp, tcp or tls and a host:port', 'pytak'),
+           ('track_log', 'log.folder', 'folder for tables and GeoJSON', ''))
+REPORT_ARGUMENTS = {
+    name: ('', f'report targets: {text}; empty: none. Needs av_reports: docs/guides/reports.md', None)
+    for name, _, text, _ in REPORTS}
 ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
@@ -107,12 +112,12 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     described = described_rig(arguments)
     arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
-    monitor = monitor_nodes(arguments, {'duration': duration})
-    page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
+    monitor = monitor_nodes(arguments, duration)
+    page, optional = view_nodes(arguments), [*recorder_nodes(arguments), *report_nodes(arguments)]
     cue = arguments['cue'] == 'true'
     essential = [
         rig_node(arguments, 'av_pointing', 'rig_frames_node', {'rig_file': arguments['rig']}),
-        doa_node(arguments, {}),
+        doa_node(arguments),
         rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], 'use_cues': cue}),
         rig_node(arguments, 'av_pointing', 'pointing_node',
                  {'enabled': may_move(arguments), 'rig_file': arguments['rig'], 'follow_cues': cue}),
@@ -173,7 +178,7 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
         if arguments['allowed_senders']:
             parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
-    return [node] if oracle else [node, *detector_nodes(arguments, {})]
+    return [node] if oracle else [node, *detector_nodes(arguments)]
 
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
@@ -191,7 +196,7 @@ def files(arguments: Arguments) -> list[ExecuteProcess]:
     if arguments['video']:
         # The recording is the first camera's.
         sensors += [camera_nodes(arguments, {'source': 'file', 'file': arguments['video']})[0],
-                    detector_nodes(arguments, {})[0]]
+                    detector_nodes(arguments)[0]]
         players.append(Player('camera_node', max(offset, 0.0), ['detector_node']))
     plan_playback(Path(arguments[RUN_FOLDER]), players)
     return sensors
@@ -200,7 +205,20 @@ def files(arguments: Arguments) -> list[ExecuteProcess]:
 def hardware(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes of microphones and cameras, which are selected in the parameter file."""
     return [audio_node(arguments, {'source': 'device'}),
-            *camera_nodes(arguments, {'source': 'device'}), *detector_nodes(arguments, {})]
+            *camera_nodes(arguments, {'source': 'device'}), *detector_nodes(arguments)]
+
+
+def report_nodes(arguments: Arguments) -> list[ExecuteProcess]:
+    """The node that reports targets, or an empty list where nobody is named. Raises MissingPackageError."""
+    peers = {}
+    for name, parameter, _, module in REPORTS:
+        if arguments[name]:
+            require(f'{name}:={arguments[name]}', 'av_reports')
+            if module and importlib.util.find_spec(module) is None:
+                package = module.replace('_', '-')
+                raise MissingPackageError(package, f'{name}:={arguments[name]}', f'pip install {package}')
+            peers[parameter] = arguments[name]
+    return [rig_node(arguments, 'av_reports', 'report_node', peers)] if peers else []
 
 
 def px4(arguments: Arguments) -> ExecuteProcess:

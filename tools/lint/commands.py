@@ -53,8 +53,8 @@ def parameters(node: str) -> set[str]:
 def launch_arguments(file: str) -> set[str]:
     """Arguments of a launch file: the strings in the tables from which it is made."""
     found: set[str] = set()
-    for path, tables in ((PROJECT / 'launch' / file, ('ARGUMENTS',)),
-                         *((path, ('RIG_ARGUMENTS', 'REPORTS')) for path in PROJECT.glob('src/av_bringup/av_bringup/*.py'))):
+    for path, tables in ((PROJECT / 'launch' / file, ('ARGUMENTS', 'REPORTS')),
+                         *((path, ('RIG_ARGUMENTS',)) for path in PROJECT.glob('src/av_bringup/av_bringup/*.py'))):
         for node in ast.walk(ast.parse(path.read_text())):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
             if any(isinstance(target, ast.Name) and target.id in tables for target in targets):

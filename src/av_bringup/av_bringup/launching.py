@@ -1,8 +1,7 @@
-"""Functions shared by rig.launch.py and replay.launch.py: arguments, the rig's nodes, and the end of a run."""
+"""Functions shared by the launch files: arguments, the rig's nodes, and the guard of a run."""
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import sys
@@ -22,7 +21,6 @@ from ament_index_python.packages import (
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
-    EmitEvent,
     ExecuteProcess,
     GroupAction,
     LogInfo,
@@ -31,9 +29,8 @@ from launch.actions import (
     SetEnvironmentVariable,
     TimerAction,
 )
-from launch.event_handlers import OnProcessExit, OnShutdown
+from launch.event_handlers import OnShutdown
 from launch.events import Shutdown
-from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
 from av_bringup import guard
@@ -47,7 +44,8 @@ from av_common.rig import load_rig
 CONFIG = Path(get_package_share_directory('av_bringup')) / 'config'
 DDS_VARIABLE, MOST_PARTICIPANTS = 'CYCLONEDDS_URI', 32
 BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
-MONITOR_PACKAGE, VIEW_PACKAGE, REPORT_PACKAGE = 'av_evaluation', 'av_view', 'av_reports'
+MONITOR_PACKAGE, VIEW_PACKAGE = 'av_evaluation', 'av_view'
+BAG_TIME = 'bag time'  # among the arguments of nodes whose time is that of a player
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
 Declarations = Mapping[str, tuple[str | None, str, list[str] | None]]
@@ -66,15 +64,6 @@ RIG_ARGUMENTS: Declarations = {
     'view_control': ('false', 'the page may also control the rig, with a token that the terminal shows', ['true', 'false']),
     'security': ('', 'a keystore of `ros2 run av_bringup security`: only nodes with its keys take part; empty: all', None),
 }
-
-# Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
-REPORTS = (('sapient', 'sapient.peer', 'fusion node of SAPIENT, host:port', 'sapient_msg'),
-           ('cot', 'cot.url', 'Cursor on Target, udp://239.2.3.1:6969, udp, tcp or tls and a host:port', 'pytak'),
-           ('track_log', 'log.folder', 'folder for tables and GeoJSON', ''))
-REPORT_ARGUMENTS: Declarations = {
-    name: ('', f'report targets: {text}; empty: none. Needs {REPORT_PACKAGE}: docs/guides/reports.md', None)
-    for name, _, text, _ in REPORTS}
-
 
 class MissingPackageError(RuntimeError):
     """A package that a launch argument needs is not installed."""
@@ -242,7 +231,8 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
         parameters: parameters that this launch sets
         options: further arguments of LaunchedNode
     """
-    files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
+    time = {'use_sim_time': True} if BAG_TIME in arguments else {}
+    files = [str(CONFIG / 'rig_params.yaml'), {**parameters, **time}, *filter(None, [arguments['params']])]
     return LaunchedNode(arguments, executable, package=package, parameters=files, **{'output': 'log', **RESPAWN, **options})
 
 
@@ -261,12 +251,12 @@ def security(arguments: Arguments, enclave: str) -> dict[str, str]:
             'ROS_SECURITY_ENCLAVE_OVERRIDE': enclave}
 
 
-def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+def monitor_nodes(arguments: Arguments, duration: float = 0.0) -> list[Node]:
     """The monitor, or an empty list where none is wanted or none is installed.
 
     Parameters:
         arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
+        duration (s): after which it ends; 0 for never.
 
     Raises MissingPackageError where an argument asks for the monitor, ValueError where `out` and `monitor` disagree.
     """
@@ -279,7 +269,7 @@ def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
         require(f'out:={out}' if out else 'monitor:=true', MONITOR_PACKAGE)
     elif not is_installed(MONITOR_PACKAGE):
         return []
-    return [rig_node(arguments, MONITOR_PACKAGE, 'monitor_node', {'out': out, **parameters},
+    return [rig_node(arguments, MONITOR_PACKAGE, 'monitor_node', {'out': out, 'duration': duration},
                      output='screen', sigterm_timeout='20', respawn=False)]
 
 
@@ -293,29 +283,19 @@ def audio_node(arguments: Arguments, parameters: dict) -> Node:
     return rig_node(arguments, 'av_audio', 'audio_node', {'frame_id': load_rig(arguments['rig']).array.frame, **parameters})
 
 
-def doa_node(arguments: Arguments, parameters: dict) -> Node:
-    """Direction of arrival, with the array file of the argument `array` or of the rig's description.
-
-    Parameters:
-        arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
-    """
+def doa_node(arguments: Arguments) -> Node:
+    """Direction of arrival, with the array file of the argument `array` or of the rig's description."""
     array = arguments['array'] or str(load_rig(arguments['rig']).array.file)
-    return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array, **parameters})
+    return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array})
 
 
-def detector_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """A detector for each camera of the rig: the first with the model given, others with the shipped one of their kind.
-
-    Parameters:
-        arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
-    """
+def detector_nodes(arguments: Arguments) -> list[Node]:
+    """A detector for each camera of the rig: the first with the model given, others with the shipped one of their kind."""
     model = '' if arguments['model'] == 'shipped' else arguments['model']
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
-    given = {'model': model, **classes, **parameters}
+    given = {'model': model, **classes}
     return [camera_node(arguments, 'detector_node', camera, {
-        'camera_kind': mount.kind, **(given if camera == 'camera' else parameters)})
+        'camera_kind': mount.kind, **(given if camera == 'camera' else {})})
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 
@@ -352,63 +332,20 @@ def camera_node(arguments: Arguments, executable: str, camera: str, parameters: 
                     remappings=[(topic, f'{camera}/{name}') for topic, name in own.items()])
 
 
-def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The recorder; with `bags` alone it waits until the page starts it. Empty without both. Raises MissingPackageError.
-
-    Parameters:
-        arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
-    """
+def recorder_nodes(arguments: Arguments) -> list[Node]:
+    """The recorder; with `bags` alone it waits until the page starts it. Empty without both. Raises MissingPackageError."""
     record, bags = arguments['record'], arguments['bags']
     if not record and not bags:
         return []
     require(f'record:={record}' if record else f'bags:={bags}', 'av_bags')
     path = record or str(Path(bags) / BAG_NAME)
-    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': path, 'autostart': bool(record), **parameters})]
+    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': path, 'autostart': bool(record)})]
 
 
-def view_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The page for browsers, or an empty list without `view`. Raises MissingPackageError.
-
-    Parameters:
-        arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
-    """
+def view_nodes(arguments: Arguments) -> list[Node]:
+    """The page for browsers, or an empty list without `view`. Raises MissingPackageError."""
     if arguments['view'] != 'true':
         return []
     require('view:=true', VIEW_PACKAGE)
     control = {'view_control': arguments['view_control'] == 'true', 'bags': arguments['bags']}
-    return [rig_node(arguments, VIEW_PACKAGE, 'view_node', {**control, **parameters}, output='screen')]
-
-
-def report_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The node that reports targets, or an empty list where nobody is named. Raises MissingPackageError.
-
-    Parameters:
-        arguments: values of the launch arguments.
-        parameters: parameters that this launch sets.
-    """
-    peers = {}
-    for name, parameter, _, module in REPORTS:
-        if arguments[name]:
-            require(f'{name}:={arguments[name]}', REPORT_PACKAGE)
-            if module and importlib.util.find_spec(module) is None:
-                package = module.replace('_', '-')
-                raise MissingPackageError(package, f'{name}:={arguments[name]}', f'pip install {package}')
-            peers[parameter] = arguments[name]
-    return [rig_node(arguments, REPORT_PACKAGE, 'report_node', {**peers, **parameters})] if peers else []
-
-
-def ends_with(last: Node, processes: Sequence[Node]) -> list[LaunchDescriptionEntity]:
-    """Event handlers that end the launch; a process that ends before fails it, with an exit code other than 0.
-
-    Parameters:
-        last: the process whose end is the run's.
-        processes: all processes of the run.
-    """
-    def check(event: ProcessExited, context: LaunchContext) -> None:
-        if event.action in processes and not context.is_shutdown and (event.action is not last or event.returncode):
-            raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')
-    shutdown = EmitEvent(event=Shutdown(reason='the run is over'))
-    return [RegisterEventHandler(OnProcessExit(on_exit=check)),
-            RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]
+    return [rig_node(arguments, VIEW_PACKAGE, 'view_node', {**control}, output='screen')]

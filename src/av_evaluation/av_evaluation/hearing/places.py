@@ -119,7 +119,7 @@ def pair(spacing: float) -> MicrophoneArray:
 PAIR = pair(0.2)
 
 
-def free_field(sources: Sequence[Source], azimuths_deg: tuple[float, float] = (-180.0, 180.0)) -> Field:
+def free_field(sources: list[Source], azimuths_deg: tuple[float, float] = (-180.0, 180.0)) -> Field:
     """Plane waves at PAIR.
 
     Parameters:
