@@ -17,7 +17,7 @@ from pathlib import Path
 
 PERIOD_S = 0.05
 PATIENCE_S = 1.0    # time between the request to end and the kill; a node needs it to stop what moves and to close its files
-GIVE_UP_S = 5.0
+GIVE_UP_S = 5.0  # after the request: what is left then cannot be ended, such as a process in a driver
 
 
 def main(mark: str, launch: int) -> None:

@@ -44,10 +44,10 @@ from launch.events.process import ProcessExited, ShutdownProcess
 
 from av_common.launched import HUNG, RESTARTS, RUN_FOLDER, started_file
 
-RESPAWN_DELAY_S = 0.2
+RESPAWN_DELAY_S = 0.2  # so that what fails at once is not started in a loop
 RESPAWN: dict[str, Any] = {'respawn': True, 'respawn_delay': RESPAWN_DELAY_S}
-MOST_RESTARTS = 3
-CHECK_PERIOD_S = 0.5
+MOST_RESTARTS = 3  # what fails four times in a row is no accident
+CHECK_PERIOD_S = 0.5  # the period of heartbeats
 # Checks in a row without a new heartbeat: 8 s; and 300 s in a transition, in which a model is compiled or a bag is closed.
 SILENT_CHECKS, BUSY_CHECKS = 16, 600
 PROCESSES = Path('/proc')

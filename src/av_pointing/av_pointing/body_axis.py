@@ -16,7 +16,7 @@ from av_pointing.response import Ahead, BodyMotion, LatencyEstimator, Response
 
 DELAY_FACTOR, UNCERTAINTY_FACTOR, FASTEST = 0.35, 1.0, 4.0   # of the bandwidth (1/s), see `BodyAxis.bandwidth`
 AGE_MEMORY = 0.05                  # share of a new age in the mean of the ages
-LONGEST_AGE_S = 1.5
+LONGEST_AGE_S = 1.5  # for which an aim is continued: five times as long as a bearing counts
 RATE_MEMORY_S = 0.6                # of the rates that give the target's acceleration
 LARGEST_ACCELERATION = math.radians(40.0)   # rad/s^2, of a target
 LEAST_FOLLOWED = 0.2               # share of the commanded turns; from a few degrees on, by the prior of `BodyMotion`

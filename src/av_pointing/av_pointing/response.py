@@ -27,9 +27,9 @@ TEMPER = 3.0               # successive differences count as one in three: error
 LEAST_UNCERTAINTY_S = 0.03          # no vehicle answers just as a model
 LEAST_GAIN, LARGEST_GAIN = 0.5, 1.3
 
-LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, LONGEST_LAG_S])
-DEAD_TIMES = np.arange(0.0, LONGEST_DEAD_TIME_S + 0.01, 0.05)
-LATENCIES = np.arange(0.0, 0.81, 0.05)
+LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, LONGEST_LAG_S])  # s
+DEAD_TIMES = np.arange(0.0, LONGEST_DEAD_TIME_S + 0.01, 0.05)  # s
+LATENCIES = np.arange(0.0, 0.81, 0.05)  # s
 
 
 @dataclass(frozen=True)

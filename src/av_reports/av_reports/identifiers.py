@@ -12,7 +12,7 @@ from pathlib import Path
 
 ALPHABET = '0123456789ABCDEFGHJKMNPQRSTVWXYZ'  # Crockford's base 32
 ULID = re.compile(f'[0-7][{ALPHABET}]{{25}}')
-RANDOM_BYTES = 10
+RANDOM_BYTES = 10  # the 80 bits of the specification
 FORGET_S = 60.0  # after this time without its track an object is another one
 
 

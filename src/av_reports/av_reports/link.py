@@ -17,9 +17,9 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled with eac
 STEADY_S = 30.0  # a connection that has lasted this long makes the next pause the first again
 MOST_WAITING = 256  # messages to be sent; the oldest are dropped
 MOST_RECEIVED = 16  # messages received and not taken yet; no more are read
-POLL_S = 0.05
+POLL_S = 0.05  # between looks at what waits: a quarter of the period of reports
 LONGEST_PROBLEM = 200  # characters
-JOIN_S = 3.0
+JOIN_S = 3.0  # for which the node waits at its end
 
 
 class Channel(Protocol):

@@ -23,7 +23,7 @@ from av_simulator.scenario import RigMotion
 from av_simulator.sound import Wind
 from av_simulator.trajectories import Position, acceleration, velocity
 
-SAMPLES_PER_SECOND = 300
+SAMPLES_PER_SECOND = 300  # of the motion: 160 samples of sound at 48 kHz
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.scenario import Scenario, load_scenario
 from av_simulator.world import World
 
-BLOCKS_PER_SECOND = 30
+BLOCKS_PER_SECOND = 30  # as RFlySim sends sound
 
 
 @dataclass(frozen=True)

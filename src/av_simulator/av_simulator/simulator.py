@@ -34,7 +34,7 @@ from av_simulator.world import World
 
 log = logging.getLogger('simulator')
 
-RIG_ID = 1
+RIG_ID = 1  # RFlySim numbers vehicles from 1
 
 
 class Clock(Protocol):

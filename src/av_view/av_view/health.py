@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 SILENT_S = 5.0  # after its newest status, from which a node counts as ended
-FORGET_S = 600.0
+FORGET_S = 600.0  # a node that has ended for longer belongs to another run
 MOST_NODES, MOST_VALUES, LONGEST_TEXT = 60, 60, 400
 WAITING = ('recorder_node', 'not active')  # for its button, as it should
 LEVELS = ('ok', 'warning', 'error', 'stale')

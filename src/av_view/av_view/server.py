@@ -35,7 +35,7 @@ GUESTS_AT_ONCE = 20  # that get one update
 IDLE_S = 3.0  # after which a guest that neither asks nor waits gives way to another one
 PATIENCE_S = 20.0  # after which a viewer is dropped that neither asks nor waits for an update
 MOST_OPENING, OPENING_S = 256, 5.0  # connections that are no viewers (yet), and how long each may take
-TIDY_S = 1.0
+TIDY_S = 1.0  # much less than PATIENCE_S
 READ_ONLY = 'this page is read-only: start the rig with view_control:=true'
 WRONG_TOKEN = 'this page is read-only: open the address with the token of this launch'
 PAGE = {'/': ('index.html', 'text/html'), '/view.css': ('view.css', 'text/css'), '/icon.svg': ('icon.svg', 'image/svg+xml'),

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-BANDS = 48
-LOWEST_HZ = 60.0
-HIGHEST_HZ = 20_000.0
-FLOOR_DB = -120.0
+BANDS = 48  # bars, 19 to a decade
+LOWEST_HZ = 60.0  # below the blade pass of large drones
+HIGHEST_HZ = 20_000.0  # the end of hearing
+FLOOR_DB = -120.0  # below what 16 bits hold
 SEGMENT = 256  # samples
 BAND_HZ = 500.0, 8000.0  # below, noise of the surroundings is common to close microphones, too
-MEMORY_S = 2.0
+MEMORY_S = 2.0  # four windows of doa_node
 
 
 def spectrum(samples: ArrayLike, rate: float) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from av_common.stamps import to_seconds
 from av_view.numbers import LONGEST_NAME, MOST_TRACKS, STALE_S, number
 
-MOST_RIGS = 20
+MOST_RIGS = 20  # of one map
 
 
 class WorldMap:

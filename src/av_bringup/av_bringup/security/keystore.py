@@ -20,10 +20,10 @@ from xml.etree.ElementTree import Element, SubElement
 from av_bringup.security.policy import Enclave
 
 AUTHORITIES = ('identity_ca', 'permissions_ca')
-AUTHORITY_DAYS = 3650
+AUTHORITY_DAYS = 3650  # ten years, longer than any of its certificates
 CLOCK_TOLERANCE = timedelta(days=1)  # a vehicle's clock may be late at start-up
 SCHEMA = 'http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_permissions.xsd'
-DOMAINS = (0, 230)
+DOMAINS = (0, 230)  # of DDS, whose ports end at 232 (DDSI-RTPS 2.5, 9.6)
 # What Cyclone DDS and Fast DDS read of an enclave, as `ros2 security` names it.
 FILES = ('identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s', 'permissions.p7s')
 CONFIGURATION = '''

@@ -11,6 +11,7 @@ from importlib import import_module
 from random import Random
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 
 # Marks pointing commands of the attack: an observer tells them from those of the rig. Never mutilated.
@@ -22,7 +23,7 @@ TEXTS = ('', 'base_link', 'microphones', 'camera', 'camera_optical', 'map', 'now
          'x' * 3000)
 INTEGER = re.compile(r'(?P<sign>u?)int(?P<bits>\d+)')
 ARRAY = re.compile(r'sequence<(?P<item>[^,>]+)(, (?P<most>\d+))?>|(?P<fixed>[^\[]+)\[(?P<count>\d+)\]')
-MOST_FLOAT32 = 3.4028234663852886e38
+MOST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class HostileValues:

@@ -15,7 +15,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import PointingSettings
 
-LARGEST_ERROR = math.radians(5.0)
+LARGEST_ERROR = math.radians(5.0)  # rad, of a bearing that counts as true: ten sigma of what is seen
 STEADY_S = 0.5           # for which all bearings are true before tracking counts as back
 LARGEST_GAP_S = 0.3      # between bearings
 FARTHEST_TRUTH_S = 0.1   # from a bearing to the truth that it is compared with
@@ -26,7 +26,7 @@ OLDEST_S = 1.0           # age on publication from which a measurement justifies
 LONGEST_STEP_S = 1.0     # commands may be lost on the way to the observer
 ROUNDING = 1e-4          # of float32
 JITTER_S = 0.03          # between the two clocks that give a command's stamp and its motion, read one after the other
-MOST_KEPT = 20
+MOST_KEPT = 20  # descriptions; all are counted
 
 
 class BearingCheck:

@@ -27,7 +27,7 @@ from av_pointing.settings import pointing_settings
 
 NAME = 'attack_observer'
 DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
-PERIOD_S = 0.02
+PERIOD_S = 0.02  # between looks, in which 500 messages of a topic may wait
 
 
 class Observer:

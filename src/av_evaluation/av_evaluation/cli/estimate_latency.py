@@ -20,9 +20,9 @@ from av_common.angles import wrap
 from av_evaluation.replay.replay import Replay, ReplaySettings
 
 LARGEST_S = 0.6  # of offsets: more than any sensor's delay that was met, less than a second, which has aliases
-STEP_S = 0.005
+STEP_S = 0.005  # between candidates; a parabola interpolates
 GAP_S = 0.3  # longest gap between detections that is interpolated
-LEAST_PAIRS = 30
+LEAST_PAIRS = 30  # of which six are independent, as windows overlap
 LEAST_MOTION = 0.02  # standard deviation of the cosine, below which the motion is too small
 
 

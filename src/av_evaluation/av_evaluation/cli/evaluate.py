@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
-from av_evaluation.metrics.comparison import INTERVAL, sigma_by_sensor, write_report
+from av_evaluation.metrics.comparison import sigma_by_sensor, write_report
 from av_evaluation.metrics.results import RunResult, metrics_of
+from av_evaluation.metrics.statistics import INTERVAL
 from av_evaluation.metrics.tracks import TrackFigures
 from av_evaluation.report.text import format_rows, rows_of
 from av_evaluation.runs.cases import Case, find_inputs, is_bag

@@ -45,9 +45,9 @@ from av_simulator.trajectories import Circle
 LATEST_S, MOST_WRONG = 5.0, 0.01
 LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimbal shows the drone
 DURATION_S, EARS_S = 10.0, 20.0  # after which a start counts as unresolved; the same at a head
-WRONG_BY = math.radians(20.0)
+WRONG_BY = math.radians(20.0)  # rad; as `OUTLIER_DEG` of the metrics
 SAME = math.radians(10.0)  # hypotheses closer together count as one
-FIXED = math.radians(45.0)
+FIXED = math.radians(45.0)  # rad, of the publication
 METHODS = {
     'planned': 'the filter, with the rotation of the largest expected information',
     'fixed': "the filter, with the publication's rotation of 45 degrees",

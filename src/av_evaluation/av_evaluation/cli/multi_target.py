@@ -22,7 +22,7 @@ from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
 SCENARIOS = ('crossing', 'swarm_5', 'birds_and_drones', 'swarm_10')
-BIRDS = {'birds_and_drones': 6}
+BIRDS = {'birds_and_drones': 6}  # around the rig, by scenario
 
 
 class Job(NamedTuple):

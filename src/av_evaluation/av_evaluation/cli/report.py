@@ -17,7 +17,7 @@ from av_evaluation.report.text import cell, format_rows, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
-SEEDS = 5
+SEEDS = 5  # runs of each experiment
 BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
 # Title of each experiment, and what it repeats in `PUBLISHED`.
 EXPERIMENTS = {

@@ -17,7 +17,7 @@ from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source import load_profile
 from av_simulator.trajectories import RandomFlight, Trajectory
 
-LEFT = (0.0, 1.0, 0.0)
+LEFT = (0.0, 1.0, 0.0)  # axis of a pair
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from av_audio.methods import DOA_METHODS
 from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import State
+from av_evaluation.metrics.metrics import TAU
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
@@ -26,7 +27,6 @@ METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
 ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}
 OWN_TRACKERS = {'fused': 'bayes'}
-TAU = 0.5  # score from which a detection counts
 MEDIAN = 5  # bearings of the median filter of every method
 
 

@@ -32,10 +32,10 @@ from av_simulator.world import World
 from av_vision.stage import DetectionStage
 
 STEP = 1600  # samples: what RFlySim sends at a time
-SAMPLE_RATE = 48_000
+SAMPLE_RATE = 48_000  # Hz, of RFlySim
 POSE_RATE = 100.0  # Hz, of odometry and of the gimbal's orientation, as the live simulator sends them
 EGO_NOISE_S = 10.0  # length of the record of the rig alone, for rigs with rotors
-SILENT_DB = -120.0
+SILENT_DB = -120.0  # below what 16 bits hold
 
 
 class OfflineRun:

@@ -29,7 +29,7 @@ from av_evaluation.hearing.places import (
     towards,
     with_own_noise,
 )
-from av_evaluation.hearing.signals import add_noise, load_clip
+from av_evaluation.hearing.signals import RATE, add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
@@ -42,8 +42,8 @@ from av_vision.stage import DetectionStage, make_detection_stage
 CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
     44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
 FILMED, ROOM = 'filmed:', 'room:'
-VIDEO_HZ, RATE = 30.0, 48_000
-CAMERA = CameraMount(width=640, height=512)
+VIDEO_HZ = 30.0
+CAMERA = CameraMount(width=640, height=512)  # pixels of the clips
 COVERED = (0.3, 0.85)  # share of a clip
 CUT = math.radians(5.0)  # a larger step of the label between two frames is a cut: some clips are spliced
 STEP_DEG, DWELL_S = 20.0, 4.0

@@ -31,10 +31,10 @@ from av_pointing.stage import PointingStage
 from av_sim_bridge.vehicle import VehicleState
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
-STEP_S = 0.05
+STEP_S = 0.05  # half a hop of the windows
 RESPONSE = YawResponse(math.radians(60.0), math.radians(120.0))  # of the simulator's rigs
 STEADY = math.radians(20.0)  # rad/s
-SNR_DB = (10.0, 20.0)
+SNR_DB = (10.0, 20.0)  # range of the draw
 # Yaw rate (rad/s) at a time (s), None for that which pointing commands.
 TURNS: dict[str, Callable[[float], float] | None] = {
     'pointed': None, 'steady': lambda time: STEADY, 'steps': lambda time: 2.0 * STEADY * (time % 2.0 < 1.0)}

@@ -37,9 +37,9 @@ STEP, HOP, IMAGE_PERIOD = 0.02, 0.1, 0.08       # s
 WINDOW, SOUND_TAKES, SIGHT_TAKES = 0.5, 0.05, 0.1       # s: length of a window, and from its end, or the exposure, to arrival
 COSINE_SIGMA = math.sin(math.radians(1.5))      # of one window, in projections of the direction
 FOCAL, WIDTH, HEIGHT, BOX, SCORE = 457.0, 640, 480, 15.0, 0.9       # pixels: 70 degrees wide
-CENTRE = np.array([0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)])
+CENTRE = np.array([0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)])  # pixels
 MOUNT_SIGMA = 0.003                             # rad, of the camera's orientation on its carrier
-PIXEL_SIGMA = math.sqrt((1.0 + (0.08 * BOX) ** 2) / SCORE)
+PIXEL_SIGMA = math.sqrt((1.0 + (0.08 * BOX) ** 2) / SCORE)  # by `av_vision.bearing`, of such a box
 RESOLUTION = math.radians(10.0)                 # sources closer than this are heard as the louder one
 OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])   # from x forward to z forward
 

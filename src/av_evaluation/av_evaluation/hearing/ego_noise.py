@@ -22,7 +22,7 @@ from av_simulator.sound.rotor import RotorSignal
 
 RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
 JITTER = 0.015  # of the speeds
-BLADES = 2
+BLADES = 2  # of a rotor
 ROTORS = 0.18 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) + np.array([0.0, 0.0, -0.06])  # m, from the array
 WIND_DB = -10.0  # noise that microphones do not share, over the target
 # Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.

@@ -34,7 +34,8 @@ from av_common.frames import rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import Srp
-from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD, FAR_OFF_DEG
+from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD
+from av_evaluation.metrics.metrics import OUTLIER_DEG
 
 FRAME_S, HOP_S = 0.5, 0.25  # of the competition
 HIT_DEG = 10.0  # of the competition
@@ -145,8 +146,8 @@ def flying_arrays(folder: Path, turn_deg: float, most: int) -> Iterator[Figure]:
         errors, confident = (np.array(column) for column in zip(*ours, strict=True))
         yield from _figures(f'{name}, ours', errors)
         yield Figure(f'{name}, ours: above the default confidence', 100.0 * float(confident.mean()), '%')
-        wrong = 100.0 * float(np.mean(errors[confident] > FAR_OFF_DEG)) if confident.any() else 0.0
-        yield Figure(f'{name}, ours: of those beyond {FAR_OFF_DEG:g} deg', wrong, '%')
+        wrong = 100.0 * float(np.mean(errors[confident] > OUTLIER_DEG)) if confident.any() else 0.0
+        yield Figure(f'{name}, ours: of those beyond {OUTLIER_DEG:g} deg', wrong, '%')
         theirs = [_angle(srp.direction(frame.sound), frame.direction) for frame in frames]
         yield from _figures(f'{name}, SRP-PHAT', np.array(theirs))
 

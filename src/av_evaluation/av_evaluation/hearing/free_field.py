@@ -22,10 +22,11 @@ from av_evaluation.figures import Figure
 from av_evaluation.hearing.places import PAIR, free_field
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
-from av_evaluation.hearing.trials import INTERVAL, C, Trials, compare, error_deg, error_figures, ours, rms, share
+from av_evaluation.hearing.trials import C, Trials, compare, error_deg, error_figures, ours, share
+from av_evaluation.metrics.statistics import INTERVAL, rmse
 
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
-WINDOW_S = 0.5
+WINDOW_S = 0.5  # the default of doa_node
 SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
 APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false
 
@@ -51,7 +52,7 @@ def accuracy(count: int, sources: Sources) -> Iterator[Figure]:
         for snr_db in (20.0, *limits):
             result = _trials(31, source, snr_db, count)
             limited = name == 'bright rotors' or (name == 'rotors' and snr_db > -10.0)
-            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rms(result.error), 'deg',
+            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rmse(result.error), 'deg',
                          limits.get(snr_db) if limited else None)
             yield from error_figures(f'{name}, {snr_db:+.0f} dB', result, ['median error'])
             yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', share(result.passed), '%')
@@ -65,8 +66,8 @@ def bound(count: int) -> Iterator[Figure]:
         snr = 10.0 ** (snr_db / 10.0)
         delay = np.sqrt(3.0 * (1.0 + 2.0 * snr) / (8.0 * np.pi**2 * WINDOW_S * snr**2 * (high**3 - low**3)))
         bounds = C * delay / (PAIR.aperture * np.cos(np.radians(np.linspace(-60.0, 60.0, 1001))))
-        yield Figure(f'flat source, {snr_db:+.0f} dB: RMSE over Cramer-Rao bound', rms(result.error) / np.degrees(rms(bounds)),
-                     '', 1.3)
+        ratio = rmse(result.error) / float(np.degrees(rmse(bounds)))
+        yield Figure(f'flat source, {snr_db:+.0f} dB: RMSE over Cramer-Rao bound', ratio, '', 1.3)
 
 
 def sigma(count: int, sources: Sources) -> Iterator[Figure]:
@@ -94,8 +95,8 @@ def square(count: int) -> Iterator[Figure]:
         rows.append((error_deg(estimate.azimuth, azimuth), np.degrees(estimate.elevation[0] - elevation),
                      len(estimate.azimuth), np.degrees(np.sqrt(estimate.azimuth_variance[0]))))
     azimuth_errors, elevation_errors, hypotheses, sigmas = np.array(rows).T
-    yield Figure('square of 65 mm, +10 dB: azimuth RMSE', rms(azimuth_errors), 'deg', 2.0)
-    yield Figure('square of 65 mm, +10 dB: elevation RMSE', rms(elevation_errors), 'deg', 5.0)
+    yield Figure('square of 65 mm, +10 dB: azimuth RMSE', rmse(azimuth_errors), 'deg', 2.0)
+    yield Figure('square of 65 mm, +10 dB: elevation RMSE', rmse(elevation_errors), 'deg', 5.0)
     yield Figure('square of 65 mm: hypotheses', hypotheses.max(), '', 1.0)
     yield Figure('square of 65 mm: azimuth errors within 1.64 sigma', share(azimuth_errors < INTERVAL * sigmas), '%')
 
@@ -140,7 +141,7 @@ def _several_figures(name: str, array: MicrophoneArray, number: int, below_db: f
     errors, sigmas = np.array(found).T
     yield Figure(f'{name}: found', 100.0 * len(errors) / (number * count), '%')
     yield Figure(f'{name}: false directions in a window', 100.0 * false / count, '%', 10.0)
-    yield Figure(f'{name}: RMSE', rms(errors), 'deg')
+    yield Figure(f'{name}: RMSE', rmse(errors), 'deg')
     yield Figure(f'{name}: errors within 1.64 sigma', share(errors < INTERVAL * sigmas), '%')
 
 

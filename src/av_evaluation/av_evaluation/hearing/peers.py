@@ -18,7 +18,7 @@ UPSAMPLING = 16  # of the plain GCC-PHAT
 FULL_HZ = (100.0, 0.49)  # lower edge in Hz, upper edge as a share of the sample rate
 WHITENED_HZ = (300.0, 7500.0)  # band of the whitened SRP
 LENGTH = 1024  # of its transform
-GRID_DEG = 1.0
+GRID_DEG = 1.0  # of azimuths
 
 
 def gcc_phat(window: Window) -> Found:

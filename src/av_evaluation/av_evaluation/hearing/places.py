@@ -21,19 +21,19 @@ from av_evaluation.hearing.trials import C, Window
 
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 GRID = math.radians(5.0)    # between measured directions of the ears
-EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
-T60_S = (0.2, 0.7)
-SPACING_M = (0.1, 0.2)
-DISTANCE_M = (2.0, 6.0)
+EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')  # m; their delays are measured
+T60_S = (0.2, 0.7)  # of furnished to bare rooms
+SPACING_M = (0.1, 0.2)  # of pairs
+DISTANCE_M = (2.0, 6.0)  # of sources
 LARGEST_ORDER = 45    # of reflections, which later ones hardly exceed
 SETTLED_S = 0.8    # of sound before a window in a room
 # Early reflections at the head: number, delay, gain; and the decay and level of what follows, relative to the direct sound.
 REFLECTIONS = (1, 4)
-REFLECTION_DELAY_S = (0.0008, 0.02)
-REFLECTION_GAIN = (0.2, 0.7)
-TAIL_S = 0.3
-TAIL_T60_S = (0.2, 0.6)
-TAIL_LEVEL = (0.1, 0.6)
+REFLECTION_DELAY_S = (0.0008, 0.02)  # a way of 0.3 to 7 m
+REFLECTION_GAIN = (0.2, 0.7)  # of floor, walls and furniture near by
+TAIL_S = 0.3  # its length
+TAIL_T60_S = (0.2, 0.6)  # of its decay
+TAIL_LEVEL = (0.1, 0.6)  # amplitude over that of the direct sound
 
 
 # Makes one window of a given length in s and SNR in dB from random numbers.

@@ -25,10 +25,10 @@ TEMPERATURE_C, HUMIDITY_PERCENT = 20.0, 50.0  # of the air, which absorbs sound
 POOL_S, HEARD_S, WINDOW_S = 12.0, 1.1, 0.5  # of sound that is rendered once; heard before a judgement; of a window
 DISTANCES_M = 10.0 * 2.0 ** np.arange(0.0, 7.1, 0.5)  # 10 m to 1280 m
 WITHIN_RAD, SHARE, WINDOWS = np.radians(5.0), 0.9, 20
-ELEVATION_RAD = np.radians(20.0)
+ELEVATION_RAD = np.radians(20.0)  # of the drone
 PAIR_RAD = np.radians(60.0)  # of azimuths from broadside at which a pair is tried
 BAND_HZ, BINS = (100.0, 8000.0), 1024  # of the bound, and length of its transform
-RING = 2.0 * np.pi * np.arange(8) / 8.0
+RING = 2.0 * np.pi * np.arange(8) / 8.0  # azimuths of eight microphones
 ARRAYS = (
     MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair of 20 cm'),
     MicrophoneArray(0.07 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'square of 14 cm'),

@@ -25,9 +25,10 @@ from av_evaluation.hearing.places import (
     with_own_noise,
 )
 from av_evaluation.hearing.signals import RATE, Source, load_clip
-from av_evaluation.hearing.trials import Found, Locate, Window, compare, error_figures, ours, rms, share
+from av_evaluation.hearing.trials import Found, Locate, Window, compare, error_figures, ours, share
+from av_evaluation.metrics.statistics import rmse
 
-ROOMS = 100
+ROOMS = 100  # of which windows are drawn
 # The default may be worse than the best of the others by this factor.
 MARGIN = 1.05
 SETTINGS = {
@@ -73,7 +74,7 @@ def kemar(data: Path) -> Iterator[Figure]:
     truth = np.degrees(wrap(np.array([window.azimuth for window in heard])))
     yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
     yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
-    yield Figure('KEMAR, all azimuths, folded: RMSE', rms(errors), 'deg')
+    yield Figure('KEMAR, all azimuths, folded: RMSE', rmse(errors), 'deg')
     yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', share(errors > 20.0), '%')
     yield Figure('KEMAR, all azimuths, folded: largest error', errors.max(), 'deg')
 
@@ -86,7 +87,7 @@ def _field_figures(name: str, field: Field, window_s: float, snr_db: float, coun
     for method, result in results.items():
         yield from error_figures(f'{name}, {method}', result)
     default = results['default']
-    for what, measure in (('median', np.median), ('RMSE', rms)):
+    for what, measure in (('median', np.median), ('RMSE', rmse)):
         best = min(float(measure(results[method].error)) for method in EVEN)
         ratio = float(measure(default.error)) / best
         yield Figure(f'{name}: {what} over the best of PHAT, GCC-PHAT and SRP', ratio, '', MARGIN)

@@ -17,8 +17,8 @@ from scipy import signal
 from av_audio.file_source import read_sound
 from av_simulator.sound.source_signals import SourceSignal
 
-RATE = 48_000
-BAND_HZ = (200.0, 4000.0)
+RATE = 48_000  # Hz
+BAND_HZ = (200.0, 4000.0)  # of noise and ratios: that of the localizer
 
 Source = Callable[[Generator, float, NDArray], NDArray]
 

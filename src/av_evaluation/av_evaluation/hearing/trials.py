@@ -13,11 +13,11 @@ from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
+from av_evaluation.metrics.metrics import OUTLIER_DEG
+from av_evaluation.metrics.statistics import INTERVAL, rmse
 
-C = speed_of_sound(20.0)
-FAR_OFF_DEG = 20.0
+C = speed_of_sound(20.0)  # m/s
 CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
-INTERVAL = 1.64  # standard deviations, within which are 90 % of Gaussian errors
 
 
 class Window(NamedTuple):
@@ -66,8 +66,8 @@ class Trials(NamedTuple):
 
     @property
     def far(self) -> NDArray:
-        """Which windows (n,) are off by more than FAR_OFF_DEG."""
-        return self.error > FAR_OFF_DEG
+        """Which windows (n,) are off by more than OUTLIER_DEG."""
+        return self.error > OUTLIER_DEG
 
     @property
     def coverage(self) -> float:
@@ -105,11 +105,6 @@ def error_deg(azimuths: NDArray, azimuth: float) -> float:
     return float(np.degrees(np.min(np.abs(wrap(azimuths - azimuth)), initial=np.pi)))
 
 
-def rms(values: NDArray) -> float:
-    """Root of the mean square; NaN of none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float('nan')
-
-
 def share(marked: NDArray) -> float:
     """Percentage of the values (n,) that are true; NaN of none."""
     return 100.0 * float(np.mean(marked)) if len(marked) else float('nan')
@@ -124,7 +119,7 @@ def error_figures(title: str, result: Trials, quantities: Sequence[str] = ('medi
         result: its errors.
         quantities: which of the three.
     """
-    known = {'median error': (float(np.median(result.error)), 'deg'), 'RMSE': (rms(result.error), 'deg'),
+    known = {'median error': (float(np.median(result.error)), 'deg'), 'RMSE': (rmse(result.error), 'deg'),
              'beyond 20 deg': (share(result.far), '%')}
     for quantity in quantities:
         yield Figure(f'{title}: {quantity}', *known[quantity])

@@ -22,9 +22,9 @@ from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal,
 from av_simulator.sound.noise import Wind
 
 WIND_DB = (0.0, 5.0, 10.0, 20.0)  # over the drone, from 200 to 4000 Hz
-GALE = Wind((8.0, 0.0, 0.0))
+GALE = Wind((8.0, 0.0, 0.0))  # m/s; levels are set afterwards
 POOL_S, HEARD_S = 20.0, 1.2
-WHOLE_HZ = (50.0, 16_000.0)
+WHOLE_HZ = (50.0, 16_000.0)  # of noise
 OTHERS: dict[str, Source] = {
     **{f'{name} noise': partial(flat, band_hz=WHOLE_HZ, slope=slope)
        for name, slope in (('white', 0.0), ('pink', 0.5), ('brown', 1.0))},

@@ -11,7 +11,7 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.metrics.results import RunResult, errors_together, figures_together, methods_of, metrics_of, write_json
-from av_evaluation.metrics.statistics import cohens_d, percentile_matched_correlation
+from av_evaluation.metrics.statistics import INTERVAL, cohens_d, percentile_matched_correlation
 from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
 from av_evaluation.report.text import interval, label, rows_of
@@ -77,7 +77,6 @@ def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[l
     return ['method', 'RMSE, first', 'RMSE, second', "Cohen's d", 'percentile-matched r'], rows
 
 
-INTERVAL = 1.64  # standard deviations, which hold 90 % of Gaussian errors
 LEADING = {State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound'}
 SAME_S = 1e-6  # difference of the times of one bearing
 

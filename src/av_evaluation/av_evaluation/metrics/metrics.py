@@ -12,9 +12,9 @@ from av_common.angles import wrap
 from av_common.track import State
 from av_evaluation.metrics.run_log import RunLog, Series
 
-GRID_HZ = 20.0
+GRID_HZ = 20.0  # the rate of fusion
 VALID_S = 0.25  # a bearing counts this long for coverage
-OUTLIER_DEG = 20.0
+OUTLIER_DEG = 20.0  # beyond which a bearing is wrong
 TAU = 0.5  # score from which a detection counts
 
 

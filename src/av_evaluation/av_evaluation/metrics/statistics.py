@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 BLOCK_S = 2.0  # errors of successive windows are correlated: resampling them singly gives too short an interval
-PERCENTILES = np.arange(1.0, 100.0)
+PERCENTILES = np.arange(1.0, 100.0)  # but for the ends, which are single errors
+INTERVAL = 1.64  # standard deviations, within which are 90 % of Gaussian errors
 LEVEL, RESAMPLES = 0.95, 2000  # of the interval: its probability, and the number of bootstrap samples
 
 
 def rmse(errors: ArrayLike) -> float:
-    """Root of the mean square of errors (n,)."""
-    return float(np.sqrt(np.mean(np.square(errors))))
+    """Root of the mean square of errors (n,); NaN of none."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if np.size(errors) else math.nan
 
 
 def blocks_of(time: NDArray, values: NDArray, length_s: float = BLOCK_S) -> list[NDArray]:

@@ -14,9 +14,9 @@ from av_simulator.trajectories import RandomFlight
 
 HEIGHT_M = 1.5  # of the rigs
 SURVEYED = math.radians(0.1)  # standard deviation of a surveyed heading
-SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))
+SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))  # m
 PARTITION = (15.0, 25.0)  # s, beginning and end
-TRIANGLE = ((-20.0, 0.0), (20.0, 0.0), (0.0, 35.0))
+TRIANGLE = ((-20.0, 0.0), (20.0, 0.0), (0.0, 35.0))  # m
 
 
 def flight(center: Sequence[float], seed: int, extent: Sequence[float] = (18.0, 18.0, 4.0)) -> Trajectory:

@@ -21,7 +21,7 @@ from av_network.stage import WAIT_S
 from av_network.tracker import NetworkTracker
 
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
-STEP_S = 0.1
+STEP_S = 0.1  # between two looks at the targets
 EXPECTED_NEES = 3.0  # of positions
 AGREE_M = 5.0  # GOSPA between the pictures of two nodes, up to which they are the same
 

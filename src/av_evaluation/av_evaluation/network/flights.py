@@ -20,7 +20,7 @@ ACCELERATION = 5.0  # m/s^2, largest of a commanded change of velocity: camera d
 LAG_S = 0.2  # time constant with which the attitude follows the command
 FASTEST, EIGHT_SPEED, LANE_SPEED = 12.0, 9.0, 6.0  # m/s, with commands, about the mean of eights, along lanes
 CAMERAS, PRESENCE = 5, 0.85  # their number, and the share of the time for which each measures the drone
-CENTRE = np.array([0.0, 45.0, 18.0])
+CENTRE = np.array([0.0, 45.0, 18.0])  # m
 EXTENT = np.array([22.0, 22.0, 8.0])  # m, half extents of the box in which it stays
 WINDOW_S = 0.8  # of the reports that are used by least squares: each camera has two or three, at four a second
 

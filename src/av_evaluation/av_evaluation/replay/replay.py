@@ -290,7 +290,7 @@ class Replay:
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 
 
-BATCH = 1000
+BATCH = 1000  # messages, sorted before they are written: some tenths of a second
 
 
 class OutputQueue:

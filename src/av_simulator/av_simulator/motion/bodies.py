@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from av_common.config_reader import bounded
 from av_sim_bridge.vehicle import GRAVITY
 
-UP = np.array([0.0, 0.0, 1.0])
+UP = np.array([0.0, 0.0, 1.0])  # in ENU
 MOST_SPEED = 60.0    # m/s, of the rig; sound allows 0.4 of its speed together with that of a target
 MOST_TILT = 1.0      # rad, of a mast
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import soundfile
+from scipy.constants import zero_Celsius
 
+from av_simulator.rendering.camera_effects import COUNTS_PER_K
 from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
@@ -77,7 +79,7 @@ class FileRecorder:
     def _write_frames(self, view: View, image: RenderedImage) -> None:
         layers = {'rgb': image.bgr, 'segmentation': image.segmentation, 'depth': image.depth_mm, 'thermal': None}
         if image.thermal is not None:
-            layers['thermal'] = (image.thermal + 273.15) * 100.0
+            layers['thermal'] = (image.thermal + zero_Celsius) * COUNTS_PER_K
         for name, layer in layers.items():
             if layer is not None:
                 kind = np.uint8 if name in ('rgb', 'segmentation') else np.uint16

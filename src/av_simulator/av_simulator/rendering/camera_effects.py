@@ -10,12 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import zero_Celsius
 
 from av_simulator.rendering.view import View
 from av_vision.image import AutomaticGain
 
 SHUTTER_S = 1.0 / 100.0     # exposure time; the camera compensates for less light by gain
-LONGEST_BLUR_PX = 50.0
+LONGEST_BLUR_PX = 50.0      # size of the largest kernel
 READ_NOISE = 1.5            # standard deviation in grey levels at an exposure of 1
 SHOT_NOISE = 0.12           # standard deviation over the square root of the grey level, at an exposure of 1
 _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
@@ -26,7 +27,7 @@ TEXTURE_K = 1.0          # K between black and white surfaces of one kind: bark,
 HORIZON_COLDER_K, SKY_COLDER_K = 6.0, 25.0  # K, air relative to a clear sky above the horizon, and at the zenith
 FOG_SHARE = 0.7          # ratio of fog's extinction in the thermal infrared to that of visible light
 COUNTS_PER_K = 100.0     # raw counts are hundredths of a kelvin from absolute zero, as radiometric cameras give them
-ZERO_C = 273.15          # K
+AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)  # colour of thick fog by day: blue, green, red
 
 # An uncooled microbolometer of 12 um pixels behind a lens of f/1.
 OPTICS_PX = 0.7                          # standard deviation of the image of a point
@@ -164,7 +165,7 @@ class ThermalCamera:
         seen = (1.0 - BLOOM_SHARE) * sharp + BLOOM_SHARE * cv2.GaussianBlur(seen, (0, 0), BLOOM_PX)
         row, column = np.random.default_rng([self._seed, 20, view.index]).integers([height, width])
         seen = seen + self._fixed + self._noise[row:row + height, column:column + width]
-        counts = np.clip((seen + ZERO_C) * COUNTS_PER_K, 0, 65_535).astype(np.uint16)
+        counts = np.clip((seen + zero_Celsius) * COUNTS_PER_K, 0, 65_535).astype(np.uint16)
         return counts if self._palette == 'raw' else self._developed(counts)
 
     def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from av_common.camera import PinholeCamera
+from av_simulator.rendering.camera_effects import AIRLIGHT
 from av_simulator.rendering.oracle import Oracle
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import Drone, RenderedImage, View, rotor_hubs
 
 # Colours are blue, green, red from 0 to 255.
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
-_GROUND = np.array([60.0, 95.0, 85.0])
+_GROUND = np.array([60.0, 95.0, 85.0])  # blue, green, red
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
-_FOG = np.array([205.0, 205.0, 203.0])
-_SKY_DISTANCE = 1500.0
+_SKY_DISTANCE = 1500.0  # m, length of the path through fog to the sky
 _COARSE = 2            # sky and ground are smooth and therefore drawn at half the resolution
 _NOISES = 8            # number of noise images, which are used in turn
 _SUBPIXEL = 4          # fractional bits of OpenCV's coordinates
@@ -87,7 +87,7 @@ class FlatRenderer:
         for channel in range(3):
             above = _HORIZON[channel] + (_ZENITH - _HORIZON)[channel] * blue
             surface = np.where(sky, above, _GROUND[channel])
-            image[:, channel] = _FOG[channel] + clear * (surface - _FOG[channel]) + grain
+            image[:, channel] = AIRLIGHT[channel] + clear * (surface - AIRLIGHT[channel]) + grain
         coarse = np.clip(image, 0, 255).astype(np.uint8).reshape(*self._shape, 3)
         return cv2.resize(coarse, (self._camera.width, self._camera.height), interpolation=cv2.INTER_LINEAR)
 
@@ -137,7 +137,7 @@ class FlatRenderer:
 def _fogged(colour: NDArray, clear: float) -> tuple[float, ...]:
     """A colour behind fog of the transmission `clear`."""
     clear = min(float(clear), 1.0)
-    return tuple(float(value) for value in _FOG + clear * (colour - _FOG))
+    return tuple(float(value) for value in AIRLIGHT + clear * (colour - AIRLIGHT))
 
 
 def _fixed(values: NDArray | list[float]) -> tuple[int, ...]:

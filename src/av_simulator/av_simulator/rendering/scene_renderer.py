@@ -16,6 +16,7 @@ from transforms3d.quaternions import mat2quat
 
 from av_common.camera import PinholeCamera
 from av_simulator.rendering.camera_effects import (
+    AIRLIGHT,
     ARM_WARMER_K,
     BLADE_WARMER_K,
     BODY_WARMER_K,
@@ -43,7 +44,6 @@ from av_simulator.rendering.view import (
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
-AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # colour of thick fog by day: blue, green, red
 HORIZON = 1000.0                # m, depth beyond which a pixel belongs to the sky
 Window = tuple[slice, slice]    # rows and columns of an image
 _ALL = (slice(None), slice(None))

@@ -16,7 +16,7 @@ from av_simulator.trajectories import Position
 # Formants (Hz) of vowels, a male voice (Peterson and Barney, 1952).
 _VOWELS_HZ = np.array([(730.0, 1090.0, 2440.0), (530.0, 1840.0, 2480.0), (270.0, 2290.0, 3010.0),
                        (570.0, 840.0, 2410.0), (300.0, 870.0, 2240.0), (660.0, 1720.0, 2410.0)])
-_FORMANT_WIDTH_HZ = np.array([80.0, 120.0, 180.0])
+_FORMANT_WIDTH_HZ = np.array([80.0, 120.0, 180.0])  # of each formant
 _SYLLABLES_HZ = 4.0  # a second
 _LEVEL_S = 4.0  # of the start of a signal, over which its level is measured
 

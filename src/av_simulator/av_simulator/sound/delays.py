@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from av_simulator.trajectories import Position
 
 _INTERVAL = 80  # samples in which the delay is a cubic polynomial of time; its error is 1e-11 s at 20 m/s and 1 m
-_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0
+_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # of the cubic polynomial, in intervals
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
-TAPS = 32
+TAPS = 32  # of a windowed sinc
 BEFORE = TAPS // 2 - 1  # number of taps before the sample just below the interpolated place
 AFTER = TAPS // 2       # number of taps after it
 _PHASES = 4096  # number of fractional delays; the nearest one is used, with an error up to 1/8192 sample
-_KAISER_BETA = 8.0
+_KAISER_BETA = 8.0  # stop band of -80 dB with 32 taps (Kaiser, 1974)
 _PIECE = 4096  # number of places that are processed at a time, so that their windows fit into the processor's cache
 
 

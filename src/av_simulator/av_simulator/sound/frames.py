@@ -14,7 +14,7 @@ from av_simulator.sound.delays import BEFORE, TAPS
 from av_simulator.sound.stream import Stream
 
 FASTEST = 0.4  # maximum speed of approach between source and microphones, relative to the speed of sound
-_FRAME_S = 0.02
+_FRAME_S = 0.02  # length of a frame, in which filters are constant
 
 
 @dataclass(frozen=True)

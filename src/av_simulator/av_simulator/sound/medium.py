@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.constants import zero_Celsius
 
 from av_common.acoustics import speed_of_sound
 
-_KELVIN = 273.15
-_TRIPLE_POINT_K = 273.16
-_REFERENCE_K = 293.15
-_REFERENCE_KPA = 101.325
+_TRIPLE_POINT_K = 273.16  # of water (ISO 9613-1)
+_REFERENCE_K = 293.15  # of the formulas (ISO 9613-1)
+_REFERENCE_KPA = 101.325  # the same
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def absorption_db_per_m(frequency_hz: ArrayLike, temperature_c: float = 20.0, hu
     if not 20.0 <= pressure_kpa <= 200.0:
         raise ValueError(f'pressure_kpa is {pressure_kpa}, expected kilopascals between 20 and 200')
     squared = np.asarray(frequency_hz, float) ** 2
-    kelvin = temperature_c + _KELVIN
+    kelvin = temperature_c + zero_Celsius
     warmth, pressure = kelvin / _REFERENCE_K, pressure_kpa / _REFERENCE_KPA
     saturation = 10.0 ** (4.6151 - 6.8346 * (_TRIPLE_POINT_K / kelvin) ** 1.261)
     vapour = humidity_percent * saturation / pressure  # molar concentration in %

@@ -16,7 +16,7 @@ from av_simulator.sound.stream import CHUNK, Stream, Wander, spl_to_pascal, whit
 # A-weighted spectrum of traffic in third octaves from 100 Hz (EN 1793-3), and the A-weighting of these bands (IEC 61672-1).
 _TRAFFIC_DBA = (-20, -20, -18, -16, -15, -14, -13, -12, -11, -9, -8, -9, -10, -11, -13, -15, -16, -18)
 _A_WEIGHT_DB = (-19.1, -16.1, -13.4, -10.9, -8.6, -6.6, -4.8, -3.2, -1.9, -0.8, 0.0, 0.6, 1.0, 1.2, 1.3, 1.2, 1.0, 0.5)
-_THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)
+_THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)  # 100 Hz to 5 kHz
 
 
 @dataclass(frozen=True)

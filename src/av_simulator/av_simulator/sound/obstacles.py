@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from av_common.config_reader import bounded
 
 _GAP_M = 0.05  # m, height of the bottom edge below which there is no path under an obstacle
-BANDS_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)
+BANDS_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)  # octaves in which tables give absorption
 
 Absorption = Sequence[float]  # absorption coefficients (0 to 1, by energy): one for all bands, or one for each of BANDS_HZ
 

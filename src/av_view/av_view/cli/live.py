@@ -25,7 +25,7 @@ from av_view.doctor.cameras import draw_marker
 from av_view.doctor.finding import Finding
 from av_view.doctor.live import LiveCheck, Step
 
-JUDGE_PERIOD_S = 0.5
+JUDGE_PERIOD_S = 0.5  # a person sees no faster
 
 
 def test_running(rig: Rig, options: argparse.Namespace) -> list[Finding]:

@@ -16,7 +16,7 @@ from av_view.doctor.finding import Finding
 
 AREA = 'files'
 SPACINGS = (0.03, 0.6)  # m, between the outermost microphones
-FOV_TOLERANCE_DEG = 3.0
+FOV_TOLERANCE_DEG = 3.0  # an error of 1.5 deg at the edge of the picture
 FARTHEST = 3.0  # m, of a microphone from the middle of the body
 UPRIGHT, ALIGNED = 0.8, 0.87  # cosines of the array's axis with the vertical, and with the camera's direction
 

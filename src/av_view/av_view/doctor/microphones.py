@@ -17,14 +17,14 @@ from av_common.microphone_array import MicrophoneArray
 from av_view.doctor.finding import Finding
 
 AREA = 'microphones'
-RATE_TOLERANCE = 1e-3
+RATE_TOLERANCE = 1e-3  # ten times that of a poor crystal, 100 ppm
 QUIET_DBFS, LOUD_DBFS = -75.0, -6.0
 USUAL_RATES = (8000.0, 16_000.0, 22_050.0, 32_000.0, 44_100.0, 48_000.0, 96_000.0)  # Hz, of converters
 SPECTRUM = 4096  # samples
 EDGE_DB = 30.0  # least step at half of the given rate: resamplers stop by 60 dB, microphones fall by less
 CLAP_S = 0.02  # around the loudest moment
 CLAP_DB = 15.0  # above the rest of the recording
-CLAPS_APART_S = 0.4
+CLAPS_APART_S = 0.4  # those of a step are slower
 MOST_PERMUTED = 7  # microphones, whose orders are all tried
 MISFIT = 0.25  # of the array's aperture, up to which arrivals fit an order
 TIE = 0.1  # of the aperture, by which another order must fit better

@@ -32,9 +32,9 @@ from av_vision.sources.capture import SourceError
 from av_vision.sources.realsense import RealSenseSource, sdk
 from av_vision.stage import make_detection_stage
 
-KEPT_IMAGES = 10
+KEPT_IMAGES = 10  # of which differences are taken
 AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
-ROUNDS = 14
+ROUNDS = 14  # of a detector, of which the second half is timed
 HARDWARE_RATE = re.compile(r'^rate: (\d+)', re.MULTILINE)
 WARM_UP_S = 0.6  # that the source itself leaves out
 LATE_S = 10.0  # for which samples are waited for on a busy machine

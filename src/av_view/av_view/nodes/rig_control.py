@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
 
-TIMEOUT_S = 5.0
+TIMEOUT_S = 5.0  # after which a person is told that no answer came
 LONGEST_MARK = 200  # characters
 # Parameters that people tune while they look, by nodes of the rig.
 TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('yaw_rate_deg',)}
@@ -30,7 +30,7 @@ KINDS = {ParameterType.PARAMETER_BOOL: Parameter.Type.BOOL, ParameterType.PARAME
          ParameterType.PARAMETER_DOUBLE: Parameter.Type.DOUBLE, ParameterType.PARAMETER_STRING: Parameter.Type.STRING}
 Done = Callable[[dict[str, Any]], None]
 FILES = ('.mcap', '.db3')
-MOST_BAGS = 500
+MOST_BAGS = 500  # names in one list
 
 
 class BagFolder:

@@ -33,7 +33,7 @@ from av_view.server import ViewServer
 if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
 
-HEALTH_PERIOD_S = 1.0
+HEALTH_PERIOD_S = 1.0  # as nodes report to /diagnostics
 LINGER_S = 20.0  # from the end of the last viewer until nothing is subscribed any more
 RATE_HZ = 10.0  # most pictures and updates a second, which cost 7 % of a core for one viewer
 NICENESS = 10  # of this process below those of the rig, once the page is up
