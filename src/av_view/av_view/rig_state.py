@@ -167,28 +167,23 @@ class RigState:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
-            'bearing': self._bearing_part(now), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
+            'bearing': self._bearing_part(), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
             'sight': self._sight_part(now), 'picture': self._picture_part(now), 'camera': self._camera_part(),
             'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
             'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
             'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
             'world': self.world.part(now)}
 
-    def _bearing_part(self, now: float) -> dict[str, Any] | None:
+    def _bearing_part(self) -> dict[str, Any] | None:
         message = self._bearing
         if message is None:
             return None
-        measured = to_seconds(message.measured)
-        sigma = _sigma(message.azimuth_variance)
         return {
-            'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': sigma,
+            'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth),
+            'sigma': _sigma(message.azimuth_variance),
             'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
-            'azimuth_world': degrees(message.azimuth_world) if message.attitude_known else None,
-            'range': number(message.range), 'source': _sources(message.source),
-            'probability': number(message.hemisphere_probability, 3), 'resolved': bool(message.resolved),
-            'turn': degrees(message.requested_rotation),
-            'look': degrees(message.look_azimuth) if message.look_requested else None,
-            'age': number(now - measured, 2) if measured > 0.0 else None}
+            'range': number(message.range), 'probability': number(message.hemisphere_probability, 3),
+            'resolved': bool(message.resolved)}
 
     def _picture_part(self, now: float) -> dict[str, Any] | None:
         """What is drawn on the picture, of the time at which it was taken."""
@@ -231,33 +226,25 @@ class RigState:
             return None
         return {
             'reason': message.reason[:LONGEST_TEXT], 'missing': [name[:LONGEST_TEXT] for name in message.missing[:10]],
-            'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence),
-            'front': number(message.front_probability, 3)}
+            'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence)}
 
     def _sound_part(self, now: float) -> dict[str, Any] | None:
         if self._doa is None or now - to_seconds(self._doa.header.stamp) > STALE_S:
             return None
-        groups = [{'confidence': number(doa.confidence), 'images': [self._image(image) for image in doa.hypotheses]}
-                  for doa in self.sound]
-        return {'level': number(self._doa.level, 1), 'groups': groups,
-                'confidence': groups[0]['confidence'] if groups else 0.0,
-                'age': number(now - to_seconds(self._doa.header.stamp))}
-
-    @staticmethod
-    def _image(image: Any) -> dict[str, Any]:
-        return {'azimuth': degrees(image.azimuth), 'sigma': _sigma(image.across_variance)}
+        groups = [{'confidence': number(doa.confidence),
+                   'images': [{'azimuth': degrees(image.azimuth)} for image in doa.hypotheses]} for doa in self.sound]
+        return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
 
     def _sight_part(self, now: float) -> dict[str, Any] | None:
         message = self._detections
         if message is None or now - to_seconds(message.header.stamp) > STALE_S:
             return None
-        boxes = [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]
-        return {'boxes': boxes, 'age': number(now - to_seconds(message.header.stamp))}
+        return {'boxes': [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]}
 
     def _seen(self, detection: Any) -> dict[str, Any]:
-        middle, best = detection.bbox.center.position, _best(detection)
+        middle = detection.bbox.center.position
         azimuth = self.camera.azimuth_of(middle.x, middle.y) if self.camera else math.nan
-        return {'name': best.class_id[:LONGEST_NAME], 'score': number(best.score), 'azimuth': degrees(azimuth)}
+        return {'score': number(_best(detection).score), 'azimuth': degrees(azimuth)}
 
     def _camera_part(self) -> dict[str, Any] | None:
         if self.camera is None:
@@ -273,13 +260,11 @@ class RigState:
         return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
 
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
-        level = max(math.cos(track.elevation_world), 0.1) if math.isfinite(track.elevation_world) else 1.0
         return {
             'id': int(track.id), 'name': track.class_id[:LONGEST_NAME], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
-            'sigma': _sigma(track.covariance_world[0] / level**2),
             'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
-            'resolved': bool(track.resolved), 'selected': selected,
+            'selected': selected,
             'point': self.camera.point(track.azimuth, track.elevation) if self.camera else None}
 
     def _truth_part(self) -> list[dict[str, Any]]:
@@ -288,11 +273,11 @@ class RigState:
         rig = self._rig_truth.pose.pose
         rotation = quat2mat(attitude_of(rig.orientation))
         targets = []
-        for name, message in sorted(self._truths.items()):
-            target = message.pose.pose.position
+        for name in sorted(self._truths):
+            target = self._truths[name].pose.pose.position
             offset = np.array([target.x - rig.position.x, target.y - rig.position.y, target.z - rig.position.z])
             azimuth, elevation = angles(tuple(rotation.T @ offset))
-            targets.append({'name': name, 'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
+            targets.append({'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
                             'range': number(float(np.linalg.norm(offset)), 1)})
         return targets
 

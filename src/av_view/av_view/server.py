@@ -1,8 +1,7 @@
 """The web server of the page and its viewers, in a thread of its own.
 
-Each viewer asks for the next update when it has shown the previous one; updates are encoded once and broadcast. Holders of the
-token come first and get all of them. Of the others, the guests, those who have waited longest get each update, a limited
-number, so that many cost no more than some. Whoever does not ask is dropped, so that nothing piles up.
+Each viewer asks for the next update when it has shown the previous one; updates are encoded once and broadcast. The numbers of
+holders of the token, and of others, the guests, are limited. Whoever does not ask is dropped, so that nothing piles up.
 """
 
 from __future__ import annotations
@@ -30,8 +29,7 @@ from av_view.feed import Feed, Position
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
 PROTOCOL = Subprotocol('rig')  # a viewer offers this one, and its token as another one
-MOST_HOLDERS, MOST_GUESTS = 20, 100  # beyond which others give way, or guests are refused
-GUESTS_AT_ONCE = 20  # that get one update
+MOST_HOLDERS, MOST_GUESTS = 20, 20  # beyond which others give way, or guests are refused
 IDLE_S = 3.0  # after which a guest that neither asks nor waits gives way to another one
 PATIENCE_S = 20.0  # after which a viewer is dropped that neither asks nor waits for an update
 MOST_OPENING, OPENING_S = 256, 5.0  # connections that are no viewers (yet), and how long each may take
@@ -98,8 +96,6 @@ class ViewServer:
         self._feeds: dict[str, Feed] = {}
         self._viewers: set[_Viewer] = set()
         self._waiting: dict[_Viewer, None] = {}  # for an update, the longest first
-        self._serials: dict[str, int] = {}  # of the newest state of each rig, and how many guests may still get it
-        self._left: dict[str | None, int] = {}
         self._opening: dict[ServerConnection, None] = {}
         self._dropped: set[asyncio.Task[None]] = set()
         self._rigs: tuple[str, ...] = ()
@@ -154,20 +150,14 @@ class ViewServer:
     def _put(self, change: Callable[[Feed], None], rig: str) -> None:
         feed = self._feeds.setdefault(rig, Feed())
         change(feed)
-        if feed.serial != self._serials.get(rig):
-            self._serials[rig], self._left[rig] = feed.serial, GUESTS_AT_ONCE
-            self._serve(feed, [viewer for viewer in self._waiting if viewer.rig == rig])
+        self._serve(feed, [viewer for viewer in self._waiting if viewer.rig == rig])
 
     def _serve(self, feed: Feed, waiting: Sequence[_Viewer]) -> None:
-        """Send what is new to viewers of one rig that wait: to all with the token, and to guests while their share lasts."""
-        updates = []
-        for viewer in waiting:
-            if viewer.holds_token or self._left[viewer.rig] > 0:
-                update = viewer.position.take(feed)
-                if update.state:
-                    self._left[viewer.rig] -= not viewer.holds_token
-                    del self._waiting[viewer]
-                    updates.append((viewer, update))
+        """Send what is new to viewers of one rig that wait."""
+        updates = [(viewer, viewer.position.take(feed)) for viewer in waiting]
+        updates = [(viewer, update) for viewer, update in updates if update.state]
+        for viewer, _ in updates:
+            del self._waiting[viewer]
         for part in range(3):
             for message in {update[part] for _, update in updates} - {'', b''}:
                 broadcast([viewer.connection for viewer, update in updates if update[part] == message], message)
@@ -284,7 +274,7 @@ class ViewServer:
             if 'rig' in request:
                 viewer.rig, viewer.has_chosen, viewer.position = str(request['rig'])[:200], True, Position()
             self._waiting.setdefault(viewer)
-            if viewer.rig in self._feeds and viewer.rig in self._left:
+            if viewer.rig in self._feeds:
                 self._serve(self._feeds[viewer.rig], [viewer])
         else:
             answer = await self._controlled(request['do'], viewer, request)
