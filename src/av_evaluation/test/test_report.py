@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from av_evaluation.cli.evaluate import main as evaluate
-from av_evaluation.cli.report import BEGIN, END, disagreement, measured_table, measured_version, write_readme
+from av_evaluation.cli.report import BEGIN, END, measured_table, measured_version, write_readme
 from av_evaluation.experiments.physical import labelled_azimuths, longest_take, moving_through
 from av_evaluation.experiments.publication import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import MethodResult, RunResult, write_json
@@ -18,6 +18,13 @@ from av_evaluation.runs import program
 
 PROJECT = Path(__file__).resolve().parents[3]
 README, METRICS = PROJECT / 'README.md', PROJECT / 'docs' / 'measured' / 'metrics.json'
+
+
+def disagreement(readme, metrics):
+    """The difference between the table of the README and that of metrics.json, empty if they agree."""
+    expected = measured_table(json.loads(metrics.read_text()))
+    written = readme.read_text().split(BEGIN)[-1].split(END)[0].strip()
+    return '' if written == expected else f'{readme} has\n{written}\nbut {metrics} gives\n{expected}'
 
 
 def made_up(case, error_deg):

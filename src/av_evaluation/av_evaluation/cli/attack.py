@@ -26,6 +26,7 @@ from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import messages_beside
 from av_evaluation.attack.observer import Observer
 from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
+from av_simulator.cli.arguments import positive
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
@@ -363,7 +364,7 @@ def table(results: Sequence[Result]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the attacks and print their table; returns 1 where a verdict fails."""
     parser = argparse.ArgumentParser(prog='attack', description=__doc__)
-    parser.add_argument('--minutes', type=_positive, default=10.0, help='duration, of one round at least (%(default)g)')
+    parser.add_argument('--minutes', type=positive, default=10.0, help='duration, of one round at least (%(default)g)')
     parser.add_argument('--only', action='append', default=[], choices=KINDS, metavar='ATTACK',
                         help=f'one kind of attack, may be repeated: {", ".join(KINDS)}')
     parser.add_argument('--out', type=Path, help='folder for the table, the data and what the rig prints')
@@ -374,9 +375,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     options.out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
     return Attack(options).run()
-
-
-def _positive(text: str) -> float:
-    if not 0.0 < (value := float(text)) < 1e6:
-        raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
-    return value

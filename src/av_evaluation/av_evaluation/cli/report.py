@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import write_json
-from av_evaluation.report.text import cell, format_rows, rows_of
+from av_evaluation.report.text import format_rows, rmse_cell, rmse_with_coverage, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
@@ -50,8 +49,9 @@ def measured_table(content: Mapping) -> str:
     for name, (title, published) in EXPERIMENTS.items():
         figures = content['experiments'].get(name)
         if figures:
-            cells = [_rmse(figures['sound']), _both(figures['sight']), f'{_rmse(figures["fused"])}{_worse(figures)}',
-                     _rmse(figures['gated']), ', '.join(PUBLISHED[published][1:]) if published else '–']
+            cells = [rmse_cell(figures['sound']), rmse_with_coverage(figures['sight']),
+                     f'{rmse_cell(figures["fused"])}{_worse(figures)}', rmse_cell(figures['gated']),
+                     ', '.join(PUBLISHED[published][1:]) if published else '–']
             lines.append(f'| {title} | {" | ".join(cells)} |')
     if content.get('version'):
         lines += ['', f'Measured with commit {content["version"]}.']
@@ -78,26 +78,6 @@ def write_readme(readme: Path, content: Mapping) -> None:
         raise ValueError(f'{readme}: no line {BEGIN}')
     before, rest = text.split(BEGIN)
     readme.write_text(f'{before}{BEGIN}\n{measured_table(content)}\n{END}{rest.split(END)[1]}')
-
-
-def disagreement(readme: Path, metrics: Path) -> str:
-    """The difference between the table of the README and that of metrics.json, empty if they agree.
-
-    Parameters:
-        readme: file with the marks.
-        metrics: file of measured values.
-    """
-    expected = measured_table(json.loads(metrics.read_text()))
-    written = readme.read_text().split(BEGIN)[-1].split(END)[0].strip()
-    return '' if written == expected else f'{readme} has\n{written}\nbut {metrics} gives\n{expected}'
-
-
-def _rmse(figures: Mapping) -> str:
-    return cell(figures, 'rmse_deg', 1.0, '{:.2f}°')
-
-
-def _both(figures: Mapping) -> str:
-    return f'{_rmse(figures)} ({cell(figures, "coverage", 100.0, "{:.0f} %")})' if figures['rmse_deg'] is not None else '–'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

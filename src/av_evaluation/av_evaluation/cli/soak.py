@@ -26,6 +26,7 @@ from websockets.sync.client import connect
 
 from av_bags.reader import Bag
 from av_evaluation.processes import MarkedProcesses, ProcessSample, launched_rig, sample
+from av_simulator.cli.arguments import positive
 
 EVERY_S = 5.0  # between samples
 RIG = ('model:=shipped', 'renderer:=flat', 'view:=true')
@@ -233,10 +234,10 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='soak', description=__doc__)
     parser.add_argument('rig', nargs='*', default=list(RIG), metavar='NAME:=VALUE',
                         help=f'arguments of rig.launch.py (default: {" ".join(RIG)})')
-    parser.add_argument('--minutes', type=_positive, default=60.0, help='length of the run (%(default)s)')
-    parser.add_argument('--settle', type=_positive, default=5.0,
+    parser.add_argument('--minutes', type=positive, default=60.0, help='length of the run (%(default)s)')
+    parser.add_argument('--settle', type=positive, default=5.0,
                         help='minutes at the start that do not count, at most half of the run (%(default)s)')
-    parser.add_argument('--most-growth', type=_positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
+    parser.add_argument('--most-growth', type=positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
     parser.add_argument('--out', type=Path, help="folder for table, samples, the rig's output and the monitor's files")
     return parser.parse_args(arguments)
 
@@ -283,10 +284,3 @@ def _report(histories: Sequence[ProcessHistory], faults: Sequence[str], options:
         (options.out / 'soak.txt').write_text(f'{text}\n')
         save_histories(histories, options.out / 'soak.csv')
     return 0 if steady and not faults else 1
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (value > 0.0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
-    return value

@@ -15,7 +15,7 @@ from av_evaluation.metrics.comparison import domain_rows
 from av_evaluation.metrics.results import RunResult, metrics_of
 from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
-from av_evaluation.report.text import cell, label, rows_of
+from av_evaluation.report.text import cell, label, rmse_with_coverage, rows_of
 from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]
@@ -131,7 +131,7 @@ def _table_1(page: Page, runs: Runs) -> None:
     pooled = {f'the four together{kind}': _four(runs, kind) for kind in (DETECTOR, '') if _four(runs, kind)}
     for name, several in {**runs, **pooled}.items():
         figures = metrics_of(several, ('sound', 'sight', 'fused'))
-        rows.append([name, str(len(several)), *(_with_coverage(figures[sense]) for sense in figures),
+        rows.append([name, str(len(several)), *(rmse_with_coverage(figures[sense]) for sense in figures),
                      cell(figures['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
                      cell(figures['fused'], 'time_to_resolve_s', 1.0, '{:.1f} s')])
     rows += [[name, '', *known, 'by hand', ''] for name, *known in PUBLISHED.values()]
@@ -145,12 +145,6 @@ def _table_1(page: Page, runs: Runs) -> None:
 def _four(runs: Runs, kind: str = '') -> list[RunResult]:
     """The runs of the publication's four experiments, with the oracle or, for the kind DETECTOR, with the detector."""
     return [run for experiment in EXPERIMENTS for run in runs.get(f'{experiment.scenario}{kind}', ())]
-
-
-def _with_coverage(figures: Mapping[str, float | None]) -> str:
-    if figures['rmse_deg'] is None:
-        return '–'
-    return f'{cell(figures, "rmse_deg", 1.0, "{:.2f}°")} ({cell(figures, "coverage", 100.0, "{:.0f} %")})'
 
 
 def _table_2(page: Page, runs: Runs) -> None:

@@ -88,6 +88,17 @@ def cell(figures: Figures, key: str, scale: float, form: str) -> str:
     return form.format(scale * value) if value is not None else '–'
 
 
+def rmse_cell(figures: Figures) -> str:
+    """The RMSE as text."""
+    return cell(figures, 'rmse_deg', 1.0, '{:.2f}°')
+
+
+def rmse_with_coverage(figures: Figures) -> str:
+    """RMSE and coverage as text."""
+    covered = '' if figures['rmse_deg'] is None else f' ({cell(figures, "coverage", 100.0, "{:.0f} %")})'
+    return f'{rmse_cell(figures)}{covered}'
+
+
 def interval(figures: Figures) -> str:
     """The confidence interval of the RMSE as text."""
     low, high = figures.get('rmse_low_deg'), figures.get('rmse_high_deg')
