@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 import pytest
 
 pytest.importorskip('launch_ros', reason='needs ROS 2')
@@ -17,7 +19,7 @@ def started(launch_file, **arguments):
 @pytest.mark.parametrize('arguments', [{'sapient': '127.0.0.1:5020'}, {'cot': 'udp://239.2.3.1:6969'}, {'track_log': 'tracks'},
                                        {'sapient': '127.0.0.1:5020', 'cot': 'udp://239.2.3.1:6969'}])
 def test_each_argument_starts_the_node_and_none_does_not(launch_file, monkeypatch, arguments):
-    monkeypatch.setattr(launching.importlib.util, 'find_spec', lambda name: name)
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: name)
     assert 'report_node' not in started(launch_file)
     assert started(launch_file, **arguments).count('report_node') == 1
 
@@ -25,6 +27,6 @@ def test_each_argument_starts_the_node_and_none_does_not(launch_file, monkeypatc
 @pytest.mark.parametrize('argument, package', [({'sapient': '127.0.0.1:5020'}, 'sapient-msg'),
                                                ({'cot': 'udp://239.2.3.1:6969'}, 'pytak')])
 def test_a_missing_library_is_named(launch_file, monkeypatch, argument, package):
-    monkeypatch.setattr(launching.importlib.util, 'find_spec', lambda name: None)
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
     with pytest.raises(launching.MissingPackageError, match=f'needs the package {package}.*pip install {package}'):
         started(launch_file, **argument)
