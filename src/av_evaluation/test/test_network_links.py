@@ -50,7 +50,7 @@ def test_the_order_of_arrival_does_not_matter():
     for each in (arrivals, late):
         peer = OwnTracker(cases.settings_of(simulation))
         for arrival in each:
-            peer.take(arrival.report, arrival.time)
+            peer.take(arrival.report)
             peer.estimates(arrival.time)
         pictures.append(peer.estimates(7.0))
     assert [one.id for one in pictures[0]] == [one.id for one in pictures[1]] and pictures[0]

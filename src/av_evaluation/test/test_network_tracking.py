@@ -109,7 +109,7 @@ def test_a_rig_that_contradicts_all_others_is_left_out_and_let_in_again(kind):
     peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0)))
     for now in np.arange(0.1, 44.0, 0.1).tolist():
         while waiting and waiting[-1][0] <= now:
-            peer.take(waiting.pop()[1], now)
+            peer.take(waiting.pop()[1])
         places = [one.mean[:3] for one in peer.estimates(now)]
         found.append([any(np.linalg.norm(place - drone) < 8.0 for place in places) for drone in simulation.truth(now)])
         out.append([rig for name, rig in peer.tracker.rigs.items() if rig not in peer.tracker.trust])

@@ -95,12 +95,11 @@ class OfflineRun:
         count = 0
         while self.world.time < (duration or self._duration):
             begin = self.world.time
-            first = round(begin * SAMPLE_RATE)
             samples = self.world.advance(STEP)
             now = self.world.time
             for moment in [*times(begin, now - 1e-6, POSE_RATE), now]:
                 odometry = self._log_truth(moment)
-            self.rig.on_samples(samples, SAMPLE_RATE, first, now)
+            self.rig.on_samples(samples, SAMPLE_RATE, now)
             if count % self._image_every == 0:
                 self._observe(self.world.view(count, now), now)
             self.rig.advance(now)

@@ -57,21 +57,13 @@ class StaticRig:
 
     Parameters:
         array: microphones, in the body frame.
-        sample_rate (Hz): of the sound.
         estimators: further methods of direction finding to record.
         detection: detects in images; None for a rig without a camera.
     """
 
-    def __init__(self, array: MicrophoneArray, sample_rate: int, estimators: tuple[str, ...],
-                 detection: DetectionStage | None = None) -> None:
+    def __init__(self, array: MicrophoneArray, estimators: tuple[str, ...], detection: DetectionStage | None = None) -> None:
         self.rig = OfflineRig(array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, MultiTargetTracker(), detection,
                               estimators)
-        self._sample_rate, self._next = sample_rate, 0
-
-    def on_samples(self, samples: NDArray) -> None:
-        """The next samples (n, 2), which arrive as soon as the last of them is captured."""
-        first, self._next = self._next, self._next + len(samples)
-        self.rig.on_samples(samples, self._sample_rate, first, self._next / self._sample_rate)
 
     def advance(self, time: float, true_azimuth: float) -> None:
         """Let time pass until `time` (s), when the target is at `true_azimuth` (rad)."""
@@ -108,7 +100,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
     array = calibrated_ears(azimuths, responses, rate, [another[:2 * rate]])
     voice = signal.resample_poly(recording, rate // 300, RATE // 300)
     sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
-    static, per_frame = StaticRig(array, rate, estimators, detection_stage(model)), round(rate / VIDEO_HZ)
+    static, per_frame = StaticRig(array, estimators, detection_stage(model)), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
@@ -116,8 +108,8 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
         read, image = film.read()
         if not read:
             break
-        static.on_samples(sound[number * per_frame:(number + 1) * per_frame])
         now = (number + 1) / VIDEO_HZ
+        static.rig.on_samples(sound[number * per_frame:(number + 1) * per_frame], rate, now)
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
             static.rig.on_image(np.zeros_like(image) if covered else image.astype(np.uint8, copy=False), now, now)
@@ -142,7 +134,7 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     random = np.random.default_rng([7, number])
     recording = load_clip(_recording(data, str(number)))
     size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
-    static, length = StaticRig(PAIR, RATE, estimators), round(DWELL_S * RATE)
+    static, length = StaticRig(PAIR, estimators), round(DWELL_S * RATE)
     for step in range(round(360.0 / STEP_DEG)):
         azimuth = math.radians(STEP_DEG * step)
         box = shoebox(size, 0.3, 8)
@@ -152,8 +144,9 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         box.simulate()
         samples = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
         for part, piece in enumerate(np.split(samples, round(10 * DWELL_S))):
-            static.on_samples(piece)
-            static.advance(step * DWELL_S + 0.1 * (part + 1), azimuth)
+            now = step * DWELL_S + 0.1 * (part + 1)
+            static.rig.on_samples(piece, RATE, now)
+            static.advance(now, azimuth)
     return static.rig.log, static.rig.record, [
         'real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB above noise; the rig stands '
         'still and has no camera']

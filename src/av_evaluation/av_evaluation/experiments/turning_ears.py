@@ -100,7 +100,7 @@ def turned_until_resolved(seed: int, turns: str, data: Path, longest_s: float) -
     common = math.gcd(head.rate, RATE)
     ears = Ears(head, signal.resample_poly(load_clip(clips[seed % len(clips)]), head.rate // common, RATE // common), rng)
     rig = OfflineRig(head.array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, MultiTargetTracker())
-    axis, pointing, now, first = YawAxis(RESPONSE, 0.0, 0.0), PointingStage(PointingController()), 0.0, 0
+    axis, pointing, now = YawAxis(RESPONSE, 0.0, 0.0), PointingStage(PointingController()), 0.0
     while now < longest_s:
         rate = TURNS[turns]
         if rate is not None:
@@ -110,9 +110,8 @@ def turned_until_resolved(seed: int, turns: str, data: Path, longest_s: float) -
         state = VehicleState(now, np.zeros(3), attitude_wxyz=np.array([math.cos(0.5 * axis.angle), 0.0, 0.0,
                              math.sin(0.5 * axis.angle)]), rate_flu=np.array([0.0, 0.0, axis.rate]))
         odometry = rig.on_state(state)
-        rig.on_samples(sound, head.rate, first, now)
+        rig.on_samples(sound, head.rate, now)
         rig.advance(now)
-        first += len(sound)
         if rig.bearing is not None:
             if rig.bearing.resolved:
                 return now, rig.bearing.azimuth, ears.azimuth - axis.angle

@@ -47,8 +47,8 @@ class OwnTracker:
     def __init__(self, rigs: Sequence[RigSettings]) -> None:
         self.tracker, self._queue = NetworkTracker(rigs), ReportQueue(WAIT_S)
 
-    def take(self, report: Report, now: float) -> None:
-        """Take a report that arrives at a time (s)."""
+    def take(self, report: Report) -> None:
+        """Take a report that arrives."""
         rig = self.tracker.rigs[report.rig]
         self._queue.put(report, self.tracker.corrected_time(rig, report.time))
 
@@ -140,8 +140,7 @@ def run(peer: OwnTracker, simulation: NetworkSimulation, arrivals: Sequence[Arri
     begun = wall.process_time()
     for now in np.arange(STEP_S, simulation.duration, STEP_S):
         while waiting and waiting[-1].time <= now:
-            arrival = waiting.pop()
-            peer.take(arrival.report, arrival.time)
+            peer.take(waiting.pop().report)
         found.estimates.append(peer.estimates(float(now)))
         found.times.append(float(now))
     found.cost = wall.process_time() - begun
@@ -246,5 +245,5 @@ def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:
     A target that only one of them has makes it CUTOFF_M / sqrt(2), which is more; the sum of the squared distances of the
     others is AGREE_M^2 at most.
     """
-    one, other = (np.array([each.mean[:3] for each in found]).reshape(-1, 3) for found in (first, second))
-    return gospa(np.linalg.norm(one[:, None] - other[None], axis=2), CUTOFF_M).distance <= AGREE_M
+    places = np.array([each.mean[:3] for each in first]).reshape(-1, 3)
+    return gospa(_distances(places, second), CUTOFF_M).distance <= AGREE_M

@@ -208,7 +208,7 @@ def follow(peer: OwnTracker, simulation: NetworkSimulation, settled: float = 3.0
     for now in np.arange(0.1, simulation.duration, 0.1).tolist():
         while waiting and waiting[-1].time <= now:
             arrived.append(waiting.pop().report)
-            peer.take(arrived[-1], now)
+            peer.take(arrived[-1])
         found = peer.estimates(now)
         names |= {one.id for one in found}
         fit = least_squares(arrived[-40:], now)

@@ -85,11 +85,13 @@ class OfflineRig:
         self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
         self._pipeline = Pipeline(self.hearing, detection, self.fusion, None, recorder, self._converter, self._publish)
         self.log: RunLog = recorder.log
+        self._heard = 0  # samples
 
-    def on_samples(self, samples: NDArray, sample_rate: int, first_sample: int, arrival: float) -> None:
-        """The next samples (n, channels) of all microphones."""
-        header = Header(stamp=to_stamp(first_sample / sample_rate), frame_id='microphones')
-        frame = audio_frame(samples.astype(np.float32, copy=False), first_sample, sample_rate, header)
+    def on_samples(self, samples: NDArray, sample_rate: int, arrival: float) -> None:
+        """The next samples (n, channels) of all microphones, which follow the ones before."""
+        header = Header(stamp=to_stamp(self._heard / sample_rate), frame_id='microphones')
+        frame = audio_frame(samples.astype(np.float32, copy=False), self._heard, sample_rate, header)
+        self._heard += len(samples)
         self._comparison.on_audio(frame, arrival)
         self._take(topics.AUDIO, frame, arrival)
 
