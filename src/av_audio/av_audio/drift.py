@@ -26,13 +26,7 @@ PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
 HIGHEST_RATE = 1.2  # that is searched, in 1/s
 GRID_POINTS_PER_PERIOD = 8.0
-NEWTON_STEPS = 1
-# As for the steered response: the scatter at a maximum is too small, the more so the weaker the peak.
-OPTIMISM = 2.0
-LEAST_EVIDENCE = 1.0  # gain of the log-likelihood from which a motion is searched
-LEAST_PROBABILITY = 0.01  # of motion, from which its effect on the variance of q is computed
-# Limits the unseen part of the speed near the axis of an array, where a small error of the rate would become a large one.
-SOFTENING = 0.01
+TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)
@@ -63,14 +57,12 @@ class Fit:
         height: the correlation.
         hessian (3 rank, 3 rank): its negative Hessian.
         scores (3 rank, c): its gradient in each cluster of bins.
-        noise: standard deviation of the height that independent channels would give.
     """
 
     motion: NDArray
     height: float
     hessian: NDArray
     scores: NDArray
-    noise: float
 
     @cached_property
     def usable(self) -> bool:
@@ -82,8 +74,7 @@ class Fit:
     def scale(self) -> float:
         """Correlation per unit of log-likelihood: the scatter of the scores over that of a likelihood."""
         rank = self.motion.shape[1]
-        optimism = (1.0 + (OPTIMISM * self.noise / self.height) ** 2) ** 2
-        return optimism * float(np.sum(self.scores[:rank] ** 2) / np.trace(self.hessian[:rank, :rank]))
+        return float(np.sum(self.scores[:rank] ** 2) / np.trace(self.hessian[:rank, :rank]))
 
     @property
     def variance(self) -> float:
@@ -140,22 +131,23 @@ class DriftEstimator:
         rank = len(q)
         cross = self._cross_spectra(spectra, weights, q)
         rest = self._fit(cross, np.zeros((3, rank)))
-        if self._is_still(rest):
-            return self._posterior(rest, rest, np.zeros(3 * rank))
         fit = self._fit(cross, self._start(cross, q))
         expected = np.concatenate([np.zeros(2 * rank), -square_speed(q, fit.motion[1]) * q])
-        for _ in range(NEWTON_STEPS):
-            hessian = fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else np.zeros((1, 1))
-            if not is_positive(hessian):
-                return self._unknown(rest, rank)
-            gradient = fit.scores.sum(axis=1) - fit.scale * self._precision * (fit.motion.ravel() - expected)
-            fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
+        hessian = self._of_posterior(fit)
+        if not is_positive(hessian):
+            return self._unknown(rest, rank)
+        gradient = fit.scores.sum(axis=1) - fit.scale * self._precision * (fit.motion.ravel() - expected)
+        fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
         return self._posterior(rest, fit, expected)
+
+    def _of_posterior(self, fit: Fit) -> NDArray:
+        """Negative Hessian (3 rank, 3 rank) of the posterior times the fit's scale; not positive without a maximum."""
+        return fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else -np.ones((1, 1))
 
     def _cross_spectra(self, spectra: NDArray, weights: NDArray, q: NDArray) -> NDArray:
         """Weighted cross-spectra (u, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
-        mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
+        mean = np.maximum(weights.mean(axis=0), TINY)
         blocks = self._blocks.spectra(self._blocks.signals(spectra * np.sqrt(mean)))[..., :len(self._omega)]  # (m, b, used)
         first, second = self._baselines.pairs.T
         cross = self._baselines.sum(blocks[first] * blocks[second].conj() * (weights / mean)[:, None, self._nearest])
@@ -169,7 +161,7 @@ class DriftEstimator:
         q is the direction at the time of most of the energy.
         """
         energy = np.abs(cross.sum(axis=-1)).sum(axis=0)
-        centre = float(self._powers[1] @ energy / max(float(energy.sum()), np.finfo(np.float32).tiny))
+        centre = float(self._powers[1] @ energy / max(float(energy.sum()), TINY))
         turned = (cross[:, None] * self._turns).sum(axis=2)  # without the threads of BLAS, which cost more than they gain
         angles = np.multiply.outer(centre * self._delay_rates, self._cluster_omega).astype(np.float32)
         curves = np.sum(turned.real * np.cos(angles) - turned.imag * np.sin(angles), axis=-1)
@@ -184,24 +176,12 @@ class DriftEstimator:
         moments = (self._powers[:, None] * self._powers) @ second.T  # (3, 3, u)
         hessian = np.einsum('pr,nmp,ps->nrms', self._slowness, moments, self._slowness).reshape(motion.size, motion.size)
         scores = np.einsum('pr,pnc->nrc', self._slowness, first).reshape(motion.size, -1)
-        clusters = steered.sum(axis=(0, 1))
-        noise = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
-        return Fit(motion, float(clusters.real.sum()), hessian, scores, noise)
-
-    def _is_still(self, rest: Fit) -> bool:
-        """Whether no motion would explain the blocks clearly better than rest."""
-        if not rest.usable:
-            return False
-        hessian = rest.hessian + np.diag(rest.scale * self._precision)
-        if not is_positive(hessian):
-            return False
-        gradient = rest.scores.sum(axis=1)
-        return 0.5 * float(gradient @ np.linalg.solve(hessian, gradient)) < LEAST_EVIDENCE * rest.scale
+        return Fit(motion, float(steered.real.sum()), hessian, scores)
 
     def _posterior(self, rest: Fit, fit: Fit, expected: NDArray) -> Drift:
         """The drift, given the maximum of the posterior of a motion (Laplace's approximation)."""
         rank = fit.motion.shape[1]
-        hessian = fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else np.zeros((1, 1))
+        hessian = self._of_posterior(fit)
         if not (rest.usable and is_positive(hessian)):
             return self._unknown(rest, rank)
         lever = np.linalg.solve(fit.hessian[:rank, :rank], fit.hessian[:rank, rank:])
@@ -214,8 +194,8 @@ class DriftEstimator:
         moves = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -50.0, 50.0)))
         shift = -fit.motion[0]
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
-        steadier = min(1.0, fit.variance / rest.variance) if moves > LEAST_PROBABILITY else 1.0
-        return Drift(moves * fit.motion[1], moves * shift, moves * spread, 1.0 - moves * (1.0 - steadier), moves)
+        steadier = 1.0 - moves * max(0.0, 1.0 - fit.variance / rest.variance)
+        return Drift(moves * fit.motion[1], moves * shift, moves * spread, steadier, moves)
 
     def _unknown(self, rest: Fit, rank: int) -> Drift:
         """The drift of a window in which no motion can be found: probably at rest, else with any motion of the prior."""
@@ -228,7 +208,7 @@ class DriftEstimator:
 
 def square_speed(q: NDArray, rate: NDArray) -> float:
     """Square of the angular speed in rad^2/s^2 on the great circle on which q (rank,) moves at a rate (rank,) in 1/s."""
-    unseen = float(q @ rate) ** 2 / (max(1.0 - float(q @ q), 0.0) + SOFTENING)
+    unseen = float(q @ rate) ** 2 / max(1.0 - float(q @ q), TINY)
     return min(float(rate @ rate) + unseen, HIGHEST_RATE**2)
 
 
