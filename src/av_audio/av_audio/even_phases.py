@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from av_audio.blocks import Blocks
 from av_audio.steered_response import Peak, SteeredResponse
@@ -16,6 +17,8 @@ BLOCKS_S = (0.016, 0.032)
 CLUSTER_HZ = 250.0
 # Bins of the whole window that are summed, within which the phase of a delay hardly changes.
 GROUP_HZ = 16.0
+# Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones.
+WHITENING_HZ = 100.0
 # Mean square error of q by reflections where bands do not agree at all; fitted to random rooms.
 REFLECTED = 2.0
 
@@ -35,6 +38,7 @@ class EvenPhases(SteeredResponse):
         bin_hz = float(frequencies[1] - frequencies[0])
         self._blocks = [Blocks(frequencies, 0.5 * length) for length in BLOCKS_S if length * bin_hz < 0.5]
         self._lengths = list({blocks.samples: blocks for blocks in self._blocks}.values())
+        self._smoothing = max(1, round(WHITENING_HZ / bin_hz))
         self._group = max(1, round(GROUP_HZ / bin_hz))
         self._grouped = len(frequencies) // self._group * self._group
         whole = frequencies[:self._grouped].reshape(-1, self._group).mean(axis=1)
@@ -44,8 +48,10 @@ class EvenPhases(SteeredResponse):
 
     def estimate(self, spectra: NDArray) -> Peak:
         """The highest peak for spectra (m, k)."""
+        power = np.mean(np.abs(spectra) ** 2, axis=0)
+        white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
         whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
-        signals = {blocks.samples: blocks.signals(spectra) for blocks in self._lengths}  # most often one for all blocks
+        signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
         parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
         return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
 
