@@ -20,7 +20,7 @@ from av_common.microphone_array import MicrophoneArray
 # end-fire.
 MARGIN = 1.05
 GRID_POINTS_PER_PERIOD = 8.0
-NEWTON_STEPS = 2  # one leaves 0.03 deg to a square of 65 mm at 15 dB, of which 85 instead of 91 % are within 1.64 sigma
+NEWTON_STEPS = 2  # one leaves 0.03 deg to a square of 65 mm at 15 dB: 85 instead of 91 % are within 1.64 sigma
 # A direction (q, a cosine) closer than this to a peak is near it: 20 degrees from broadside.
 NEAR = 0.34
 # Logistic model of the probability that a peak stems from a source, by its significance: 0.5 at 2.8. Both numbers were
@@ -69,7 +69,7 @@ class SteeredResponse:
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float, cluster_hz: float) -> None:
-        self._baselines = Baselines(array)
+        self._array, self._baselines = array, Baselines(array)
         self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
         self._slowness = self._baselines.vectors @ array.basis / speed_of_sound  # (u, rank): tau = slowness . q
         self._clusters = np.unique(np.searchsorted(frequencies, np.arange(frequencies[0], frequencies[-1], cluster_hz)))
@@ -123,9 +123,10 @@ class SteeredResponse:
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         steered = self._steer(weighted, q)
         _, hessian = self._derivatives(steered)
-        clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
+        bins = steered.sum(axis=0)
+        clusters = np.add.reduceat(bins, self._clusters)
         height = float(clusters.real.sum())
-        spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))  # of the height, if channels were independent
+        spread = spread_of(clusters)
         if spread == 0.0 or height <= 0.0 or not is_positive(hessian):
             return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
@@ -135,7 +136,17 @@ class SteeredResponse:
         bias = self._reflections(clusters, height, inverse)
         log_likelihood = _log_likelihood(curve - height, covariance, hessian)
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
-        return Peak(q, covariance, bias, significance, main_share, height)
+        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height)
+
+    def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
+        """Significance of a peak as that of a source.
+
+        Parameters:
+            bins (k,): steered cross-spectra, summed over the pairs.
+            height: height of the peak.
+            significance: its height over the spread of the clusters.
+        """
+        return significance
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections.
@@ -199,6 +210,11 @@ def with_other_lobes(q: NDArray, covariance: NDArray, grid: NDArray, weights: ND
 def is_source(significance: float) -> float:
     """Probability that a peak of this significance stems from a source."""
     return 1.0 / (1.0 + math.exp(-SIGNIFICANCE_SLOPE * (significance - EVEN_SIGNIFICANCE)))
+
+
+def spread_of(clusters: NDArray) -> float:
+    """Standard deviation of the height of a peak that independent channels would give; `clusters` (c,) as steered."""
+    return float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
 
 
 def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> NDArray:
