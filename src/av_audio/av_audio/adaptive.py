@@ -14,15 +14,16 @@ from av_audio.steered_response import Peak
 from av_audio.weighting import maximum_likelihood
 from av_common.microphone_array import MicrophoneArray
 
-# Mean square error of q at a wrong peak, and where there is no peak at all.
+# Mean square error of q at a wrong peak, and where there is none: that of the sine of an even angle.
 WRONG_PEAK = 0.5
-UNKNOWN = 10.0
 # The likelihood is chosen up to the error of the even phases by noise, and this share of theirs by reflections, which shift
 # both: fitted to rooms, a head and the free field (`ros2 run av_evaluation hearing robust`).
 SHARED_REFLECTIONS = 0.1
-# How fast belief changes from one estimate to the other with the ratio of their expected errors.
+# How fast belief changes from one estimate to the other with the ratio of their expected errors. With 1 and 2 errors are the
+# same, and 98 to 100 % instead of 89 to 94 % in the free field are within 1.64 sigma (270 windows).
 SHARPNESS = 4.0
-# Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor.
+# Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor. Without it 32 instead of
+# 53 % of windows in rooms have a confidence of 0.9, with as few wrong ones (`ros2 run av_evaluation hearing robust`).
 EVEN_SIGNIFICANCE = 1.15
 
 
@@ -65,7 +66,7 @@ def expected_error(peak: Peak, reflected: float = 1.0) -> float:
         reflected: share of the error by reflections that counts.
     """
     local = float(np.trace(peak.covariance + reflected * peak.bias))
-    return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else UNKNOWN
+    return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else WRONG_PEAK
 
 
 def _mixture(chosen: Peak, other: Peak, belief: float) -> Peak:

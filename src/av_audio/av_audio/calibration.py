@@ -17,7 +17,6 @@ from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 
-MIN_ANGLES = 10
 MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of the axis
 # A body may lengthen the delay beyond that of the straight line; the search covers this factor.
 SEARCH_STRETCH = 1.5
@@ -28,6 +27,7 @@ TRIALS = 150
 AGREEMENT = 0.06
 # Degree of the Bernstein polynomial in the angle to the axis; it falls where its coefficients fall (Farouki, 2012).
 DEGREE = 10
+MIN_ANGLES = DEGREE    # of estimates that agree: one for each step of the curve
 LEAST_STEP = 1e-3    # between two coefficients, in baselines
 STIFFNESS = 0.03    # holds terms that the data do not determine; a third or three times as much changes errors by a fifth
 FITS = 12

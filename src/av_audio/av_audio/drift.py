@@ -17,7 +17,7 @@ from av_common.microphone_array import MicrophoneArray
 BLOCK_S = 0.03125
 # In windows of fewer blocks nothing moves far.
 LEAST_BLOCKS = 3
-# Bins of a block that are summed, as their errors are correlated: twice the width of a block's spectral lines.
+# Bins of a block that are summed, as their errors are correlated: twice the width of a block's spectral lines, 1 / (2 BLOCK_S).
 CLUSTER_HZ = 64.0
 # Standard deviations of the rate of q in 1/s and of its acceleration in 1/s^2, if anything moves. q is the sine of the angle
 # from broadside: there they are those of the angle in rad.
@@ -25,7 +25,7 @@ PRIOR_RATE = 0.4
 PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
 HIGHEST_RATE = 1.2  # that is searched, in 1/s
-GRID_POINTS_PER_PERIOD = 8.0
+GRID_POINTS_PER_PERIOD = 8.0  # of the highest frequency; with 4 one more of 46 windows of noise passes
 TINY = float(np.finfo(np.float32).tiny)
 
 

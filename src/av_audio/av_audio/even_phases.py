@@ -13,11 +13,12 @@ from av_common.microphone_array import MicrophoneArray
 # Lengths of the blocks beside the whole window. Reverberation fills short blocks unevenly, so that some have more direct sound;
 # long ones have more signal for their noise. No single length is best in all rooms.
 BLOCKS_S = (0.016, 0.032)
-# The phase error that a reflection with a delay T causes repeats with 1 / T: wide clusters hold what early reflections share.
+# The phase error that a reflection with a delay T causes repeats with 1 / T: clusters of this width hold what those up to 4 ms
+# share.
 CLUSTER_HZ = 250.0
-# Bins of the whole window that are summed, within which the phase of a delay hardly changes.
+# Bins of the whole window that are summed, within which the phase of a delay hardly changes: by 3 deg for 0.2 m.
 GROUP_HZ = 16.0
-# Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones.
+# Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones, as those of wind.
 WHITENING_HZ = 100.0
 # Mean square error of q by reflections where bands do not agree at all; fitted to random rooms.
 REFLECTED = 2.0

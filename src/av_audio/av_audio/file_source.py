@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from av_audio.ring_buffer import RingBuffer
 from av_audio.unfinished_wav import unfinished_wav
 from av_common.files import check_file, one_line
+from av_common.microphone_array import MOST_MICROPHONES
 
-SAMPLE_RATES = (1000, 768_000)    # Hz
-MOST_CHANNELS = 256
+SAMPLE_RATES = (1000, 384_000)    # Hz; converters for sound have 8 to 384 kHz
 FRAMES_UNKNOWN = 2**63 - 1    # `frames` of a file whose header states no length
 MOST_SAMPLES = 50_000_000    # of a file that is read as a whole: two channels at 48 kHz for nine minutes
 
@@ -91,7 +91,7 @@ def open_sound(path: str | Path) -> soundfile.SoundFile:
         file = soundfile.SoundFile(unfinished_wav(path) or path)
     except (soundfile.LibsndfileError, TypeError, ValueError) as error:    # a file without header has no rate
         raise OSError(f'sound file {path} cannot be read: {one_line(getattr(error, "error_string", error))}') from error
-    for name, (low, high) in {'samplerate': SAMPLE_RATES, 'channels': (1, MOST_CHANNELS)}.items():
+    for name, (low, high) in {'samplerate': SAMPLE_RATES, 'channels': (1, MOST_MICROPHONES)}.items():
         if not low <= (value := getattr(file, name)) <= high:
             file.close()
             raise ValueError(f'sound file {path}: {name} is {value}, expected {low} to {high}')

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
 from av_audio.steered_response import Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -16,9 +17,6 @@ from av_common.microphone_array import MicrophoneArray
 MOST_SOURCES = 4
 # Half of the width in rad within which the phase of a bin agrees with a direction.
 AGREES_RAD = 0.25 * np.pi
-# Bins that are summed, within which the phase of a delay hardly changes; and the width of the clusters of bins.
-GROUP_HZ = 16.0
-CLUSTER_HZ = 250.0
 # Sources that are closer than this share of a wavelength of the mean frequency over the aperture are one direction. Up to the
 # second share they shift each other: with the bins that agree with one source go those of another close to it, and what is
 # left of that one points away. There the likelihood of a mixture of both counts.

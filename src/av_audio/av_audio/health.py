@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from av_audio.channel_order import ChannelOrder
-from av_audio.spacing import LONGEST_S, PEAK_SIGMAS, delay_curve
+from av_audio.spacing import CLEARER, LONGEST_S, PEAK_SIGMAS, WINDOW_S, delay_curve
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
-WINDOW_S = 0.25
 DEAD_DBFS = -100.0    # noise of 16 bits has -101
 OFFSET, STEADIER = 0.05, 5.0    # of full scale; than the means of an eighth of a window, which wind moves
 # A source at 1.5 apertures is 6 dB louder at one microphone; sensitivities differ by 3 dB each in data sheets.
@@ -26,8 +25,6 @@ OCTAVES_HZ = 125.0 * 2.0 ** np.arange(6)    # lower edges
 INCOHERENT = 1e-3    # probability that noise alone is as coherent in an octave
 # A body makes delays of low frequencies 1.5 times as long (Kuhn, 1977).
 BODY = 1.5
-# One of two sound paths correlates with the other half as much at most as both with themselves: peaks elsewhere are lower.
-CLEARER = 1.3
 # Cumulative sums of log-likelihood ratios (Page, 1954): on average a million windows, 70 h, pass until one is false (Lorden,
 # 1971). Of nine windows that can tell, eight tell the truth.
 ALARM = math.log(1e6)

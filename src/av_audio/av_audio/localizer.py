@@ -12,6 +12,7 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_rotors import notch
 from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
+from av_audio.health import DEAD_DBFS
 from av_audio.lost_phase import has_lost_phases
 from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.near_field import NearField
@@ -24,8 +25,6 @@ FULL_SCALE = 0.999  # amplitude from which a sample is clipped
 CLIPPED_SHARE = 0.01
 # A direction of less than this (q, a cosine) is that of no delay, which sound without phases has.
 NO_DELAY = 0.05
-# Below this level a window holds quantisation noise only.
-SILENCE_DBFS = -100.0
 
 
 @dataclass(frozen=True)
@@ -210,7 +209,7 @@ class Localizer:
         centre = start + 0.5 * self._window
         spectra = self._analyzer.spectra(window)
         level = self._analyzer.level_dbfs(spectra)
-        if level < SILENCE_DBFS:
+        if level < DEAD_DBFS:
             return self._nothing(centre, level)
         spectra = spectra * notch(self._analyzer.frequencies, self.blade_pass_hz)
         if self._foreign is not None:

@@ -10,11 +10,13 @@ from scipy import fft
 
 from av_common.microphone_array import MicrophoneArray
 
-WINDOW_S = 0.25
+WINDOW_S = 0.25      # in which a walking source 2 m away turns by 10 degrees
 LONGEST_S = 3e-3     # delays that are looked for: microphones 1 m apart; rotors repeat themselves after 2.5 ms and more
 # A sphere between two microphones makes delays of low frequencies 1.5 times as long (Kuhn, 1977): up to twice, it is a body.
 BODY = 2.0
-CLEARER = 1.3        # a peak beyond the permitted delays must be so much higher than the highest within them ...
+# One of two sound paths correlates with the other half as much at most as both with themselves: a peak beyond the permitted
+# delays must be so much higher than the highest within them ...
+CLEARER = 1.3
 PEAK_SIGMAS = 6.0    # ... and than the correlation of noise: the highest of 300 normal values exceeds 4.5 once in 500 windows
 FEWEST = 5           # windows that tell
 # A plane wave crosses microphones in space at the speed of sound, and those in a line or plane faster, the more it comes from

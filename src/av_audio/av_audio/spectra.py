@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft  # scipy.signal would double the time in which a node starts
 
-# Bins in which the band-pass filter passes less than this share of the power are not used.
+# Bins in which the band-pass filter passes less than this share of the power, 10 dB down, are not used.
 LEAST_RESPONSE = 0.1
 # Up to this share of half of the sample rate converters pass what they sample.
 CONVERTED_SHARE = 0.92
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
 # prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25
-# Maximum number of interleaved parts into which a window is decimated; more of them cost more than they save.
-MAX_PARTS = 8
 
 
 class SpectrumAnalyzer:
@@ -50,11 +48,6 @@ class SpectrumAnalyzer:
             raise ValueError(f'{passed} frequency bins in {low:g}..{high:g} Hz; the window of '
                              f'{window_samples / sample_rate:g} s is too short')
         self._bins = slice(used[0], used[-1] + 1)
-        # Only the lowest bins of a window are needed, which each of its interleaved parts has as well (decimation in time).
-        self._parts = max(count for count in range(1, MAX_PARTS + 1)
-                          if count == 1 or (window_samples % count == 0 and 2 * count * used[-1] <= window_samples))
-        turns = np.outer(np.arange(self._parts), frequencies[self._bins] / sample_rate)
-        self._turns = np.exp(-2j * np.pi * turns).astype(np.complex64)  # (parts, k): each part starts a sample later
         self._taper = tukey(window_samples, TAPER).astype(np.float32)
         leakage = fft.rfft(self._taper)
         self._leakage = leakage[self._bins] / leakage[0].real  # of a constant offset, relative to bin 0
@@ -64,10 +57,8 @@ class SpectrumAnalyzer:
 
     def spectra(self, window: NDArray) -> NDArray:
         """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass filter."""
-        parts = (window * self._taper).reshape(len(window), -1, self._parts).swapaxes(1, 2)
-        transforms = fft.rfft(parts)
-        offset = np.sum(transforms[..., :1], axis=1)
-        return np.sum(transforms[..., self._bins] * self._turns, axis=1) - offset * self._leakage
+        spectra = fft.rfft(window * self._taper)
+        return spectra[:, self._bins] - spectra[:, :1] * self._leakage
 
     def level_dbfs(self, spectra: NDArray) -> float:
         """Mean power of spectra (m, k) after the filter in dB, 0 dB for a full-scale square wave; -inf for silence."""

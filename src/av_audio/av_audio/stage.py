@@ -12,6 +12,7 @@ from std_msgs.msg import Float32MultiArray
 from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
+from av_audio.file_source import SAMPLE_RATES
 from av_audio.health import ChannelFault, ChannelHealth
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
@@ -21,9 +22,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
 
-# Rates that a frame may claim, in Hz, and the longest frame in s: buffers are made for a window at the claimed rate.
-SAMPLE_RATES = (1000, 384_000)
-LONGEST_FRAME_S = 10.0
+LONGEST_FRAME_S = 10.0  # the longest window
 OWN_SOUND_S = 5.0  # over which the share of own sound is averaged
 
 

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from av_audio.baselines import Baselines
-from av_audio.drift import is_positive
+from av_audio.drift import GRID_POINTS_PER_PERIOD, is_positive
 from av_common.microphone_array import MicrophoneArray
 
 # The search extends beyond the physical delays by this factor, so that small errors of the geometry do not cut a peak at
 # end-fire.
 MARGIN = 1.05
-GRID_POINTS_PER_PERIOD = 8.0
 NEWTON_STEPS = 2  # one leaves 0.03 deg to a square of 65 mm at 15 dB: 85 instead of 91 % are within 1.64 sigma
 # A direction (q, a cosine) closer than this to a peak is near it: 20 degrees from broadside.
 NEAR = 0.34

@@ -10,6 +10,8 @@ import math
 from bisect import bisect_left, bisect_right
 from collections import deque
 
+from av_common.stamps import END_S
+
 AGREEMENT_S = 1.0        # stamps must agree for this long before they set the clock
 AGREEMENT_ERROR_S = 0.015    # largest difference of the offsets before and after the middle of that time
 FEWEST = 4               # stamps that can agree
@@ -29,7 +31,6 @@ MOST_CANDIDATES = 16
 CANDIDATE_SILENCE_S = 2.0
 REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
 LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
-END_OF_TIME_S = 2.0**31  # s; builtin_interfaces/Time holds 0 to this
 
 
 class ElapsedTime:
@@ -156,7 +157,7 @@ class SenderClock:
             stamp (s): time on the sender's clock.
             arrival (s): ROS time of its arrival.
         """
-        if not (abs(stamp) <= LARGEST_STAMP_S and 0.0 <= arrival < END_OF_TIME_S):
+        if not (abs(stamp) <= LARGEST_STAMP_S and 0.0 <= arrival < END_S):
             self.refused += 1
             return None
         now, offset = self._time.at(arrival), arrival - stamp

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from av_common.angles import angles_to_direction
 from av_common.config_reader import ConfigError, bounded, load
 
-# Microphones that deviate from a line or plane by less than this count as lying on it.
-FLATNESS_M = 1e-3
-MINIMUM_SPACING_M = 1e-3
-MOST_MICROPHONES = 256
+PLACED_M = 1e-3  # to which microphones are at their places: they lie on a line or plane up to this, and are apart from this on
+MOST_MICROPHONES = 256  # so that a file makes no more than 32,640 pairs
 # The wavelength of a blade-pass frequency of 100 Hz, the lowest of drones: farther apart, microphones hear the same period
 # again, whatever the direction.
 WIDEST_GAP_M = 3.4
@@ -101,9 +99,9 @@ class MicrophoneArray:
         _check_gap(positions)
         object.__setattr__(self, 'positions', positions)
         for i, j in combinations(range(len(positions)), 2):
-            if np.linalg.norm(positions[i] - positions[j]) < MINIMUM_SPACING_M:
+            if np.linalg.norm(positions[i] - positions[j]) < PLACED_M:
                 raise ValueError(f'microphones: {i} and {j} are at the same place {positions[i].tolist()}, expected at least '
-                                 f'{MINIMUM_SPACING_M:g} m between them')
+                                 f'{PLACED_M:g} m between them')
         if self.rank == 1 and np.linalg.norm(self.basis[:2, 0]) < 0.1:
             raise ValueError('microphones: a vertical line cannot measure azimuth; turn it or add a microphone')
         if self.delay_curve is not None and len(positions) != 2:
@@ -167,7 +165,7 @@ class MicrophoneArray:
             return (self.baselines[0] / np.linalg.norm(self.baselines[0]))[:, None]
         _, _, axes = np.linalg.svd(self.positions - self.positions.mean(axis=0))
         spread = np.ptp(self.positions @ axes.T, axis=0)
-        rank = int(np.sum(spread > FLATNESS_M))
+        rank = int(np.sum(spread > PLACED_M))
         if rank == 1:
             axis = axes[0] * np.sign(axes[0] @ (self.positions[0] - self.positions[-1]))
             return axis[:, None]

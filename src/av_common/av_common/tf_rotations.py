@@ -17,17 +17,15 @@ from tf2_msgs.msg import TFMessage
 from tf2_ros import Buffer, TransformException
 from transforms3d.quaternions import quat2mat
 
-from av_common.frames import BASE_FRAME, attitude_of
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S
-from av_common.gimbal_history import NEAREST_S, NotYetKnownError
+from av_common.gimbal_history import NEAREST_S, RESTART_S, NotYetKnownError
 from av_common.stamps import to_seconds
 
 LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
-NORM_TOLERANCE = 4e-3  # of the length of a quaternion, slightly less than that of tf2
 MOST_FRAMES = 500  # of all robots on one tf
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
 FIXED_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STEP_S = 1.0  # a larger step back of the node's clock, as where a bag begins again, empties the buffer
 
 
 class GuardedTransformListener:
@@ -59,7 +57,7 @@ class GuardedTransformListener:
     def callback(self, data: TFMessage) -> None:
         """Take moving frames."""
         now = 1e-9 * self._clock.now().nanoseconds
-        if now < self._now - STEP_S:
+        if now < self._now - RESTART_S:  # as where a bag begins again
             self._buffer.clear()
         self._now = now
         self._take(data, fixed=False)
@@ -86,7 +84,7 @@ class GuardedTransformListener:
         move, turn = transform.transform.translation, transform.transform.rotation
         if not all(map(math.isfinite, (move.x, move.y, move.z))):
             return 'the translation is not finite'
-        if not abs(math.hypot(turn.x, turn.y, turn.z, turn.w) - 1.0) < NORM_TOLERANCE:
+        if not is_orientation(attitude_of(turn)):
             return 'the rotation is no unit quaternion'
         child, parent = (name.removeprefix('/') for name in (transform.child_frame_id, transform.header.frame_id))
         if not child or not parent:

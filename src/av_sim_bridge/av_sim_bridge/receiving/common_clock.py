@@ -7,7 +7,8 @@ import threading
 from collections.abc import Hashable
 from typing import NamedTuple
 
-from av_common.clock import CHASE, END_OF_TIME_S, LATEST_S, ElapsedTime, SenderClock
+from av_common.clock import CHASE, LATEST_S, ElapsedTime, SenderClock
+from av_common.stamps import END_S
 
 MOST_SENDERS = 8         # of one stream
 SILENCE_S = 1.0          # after this time without a dated stamp another sender may take a stream over
@@ -116,7 +117,7 @@ class CommonClock:
             stamp (s): time on the sender's clock.
             arrival (s): ROS time of its arrival.
         """
-        if not 0.0 <= arrival < END_OF_TIME_S:
+        if not 0.0 <= arrival < END_S:
             return None
         with self._lock:
             now = self._time.at(arrival)
