@@ -16,7 +16,8 @@ from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
 
-# A device without a block for this long is considered lost.
+# A device without a block for this long is considered lost: 45 blocks. It is opened again at this interval, and must then
+# answer: Python, PortAudio and a sound server start within seconds on a small computer.
 LOST_AFTER_S = 1.5
 RETRY_S = 1.0
 OPEN_WITHIN_S = 15.0

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 # Within 15 degrees of the axis of a linear array a small error of the delay becomes a large error of the angle.
 END_FIRE_COSINE = float(np.cos(np.radians(15.0)))
-LEAST_SINE = 0.05  # keeps the variance of a cosine from vanishing at end-fire
+LEAST_SINE = 0.05  # of 3 degrees; keeps the variance of a cosine from vanishing at end-fire
 # Points at which the posterior density of an angle is evaluated, as shares of its support.
 POSTERIOR_GRID = np.linspace(0.0, 1.0, 41)
 

@@ -21,7 +21,7 @@ METHODS = tuple(BAND_METHODS)
 # Phases above the band are used up to this frequency, where the sound of drones fades; up to where converters filter; and up to
 # so many wavelengths between the outermost microphones.
 WIDEBAND_HZ = 8000.0
-WIDEBAND_WAVELENGTHS = 10.0
+WIDEBAND_WAVELENGTHS = 10.0  # more make the grid of a plane larger than 170 x 170 points
 
 
 class Estimator(Protocol):

@@ -18,7 +18,7 @@ from av_common.microphone_array import MOST_MICROPHONES
 
 SAMPLE_RATES = (1000, 384_000)    # Hz; converters for sound have 8 to 384 kHz
 FRAMES_UNKNOWN = 2**63 - 1    # `frames` of a file whose header states no length
-MOST_SAMPLES = 50_000_000    # of a file that is read as a whole: two channels at 48 kHz for nine minutes
+MOST_SAMPLES = 50_000_000    # of a file that is read as a whole (200 MB): two channels at 48 kHz for nine minutes
 
 
 def pick_channels(available: int, channels: Sequence[int], source: str) -> list[int]:

@@ -22,7 +22,7 @@ from av_common.microphone_array import MicrophoneArray
 # A direction counts for this long since the centre of its window, in fusion's states and for what moves a body; a tenth of it
 # is left for its way.
 COUNTS_S, WAY_S = 1.0, 0.1
-USUAL_RATE = 48_000  # Hz; frames tell the true one later
+USUAL_RATE = 48_000  # Hz, the default of audio_node; frames tell the true one later
 # A slow or busy machine leaves windows out and hears on; a hop that none could compute by far is a mistake.
 MOST_BEHIND = 10.0  # of the hop, that a window may take
 WINDOWS = 3  # that are computed at most; the quickest counts, since the first one fills caches

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from av_common.files import MEGABYTE, one_line, read_text, shown
 
-MOST_BYTES = 10 * MEGABYTE
+MOST_BYTES = 10 * MEGABYTE    # two hours of azimuths, 100 a second, of 14 bytes
 SEPARATORS = ';\t, '
 
 

@@ -13,10 +13,12 @@ from scipy.ndimage import uniform_filter1d
 # follow the spectral lines of a rotor, but have a larger random error.
 LINE_HZ = 40.0
 NOISE_HZ = 260.0
-# Ratio of reflected to direct power of a source: at all frequencies, and in addition where diffuse sound is coherent.
+# Ratio of reflected to direct power of a source: at all frequencies (as of a ground that absorbs 90 %), and in addition where
+# diffuse sound is coherent (at a room's critical distance both are equal).
 REFLECTED = 0.1
 DIFFUSE = 1.0
-# Upper limit of the ratio of reflections to incoherent noise: with less incoherent power there is no reverberation.
+# Upper limit of the ratio of reflections to incoherent noise: with less incoherent power there is no reverberation. What it and
+# WEAK buy is in docs/decisions.md (0 to 4 points more beyond 20 deg in rooms without).
 MAX_REFLECTED = 5.0
 # Power of bins below that of any converter, so that a dead channel is no division by zero.
 LEAST_POWER = 1e-18

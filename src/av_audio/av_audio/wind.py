@@ -13,7 +13,7 @@ FRAME_S, MEMORY_S = 0.08, 2.0
 # Octaves one decade apart. In the lower one sound from anywhere is coherent between close microphones, turbulence is not
 # (Corcos, 1964): eddies are shorter than a wavelength by the ratio of wind to sound.
 LOW_HZ, HIGH_HZ = (50.0, 100.0), (500.0, 1000.0)
-FARTHEST_M = 0.5  # diffuse sound is coherent in the lower octave up to here
+FARTHEST_M = 0.5  # diffuse sound is coherent up to here in the lower octave: sinc(2 d f / c) is 0.87 at 100 Hz
 # Fall of the incoherent power between the octaves: noise of circuits falls by 0 to 10 dB a decade (white, flicker), turbulence
 # by 23 (f^-7/3 in the inertial range); the middle of both.
 TURBULENT_DB = 16.5

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from av_audio.ring_buffer import RingBuffer
 
-BUFFER_BYTES = 4_000_000
+BUFFER_BYTES = 4_000_000    # 10 s of two channels at 48 kHz
 SILENT_S = 5.0    # without samples, after which the device counts as lost
 
 

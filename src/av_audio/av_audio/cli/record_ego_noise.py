@@ -20,7 +20,7 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_verdict import judge
 from av_common.microphone_array import MicrophoneArray
 
-WORTH_DB = 3.0
+WORTH_DB = 3.0  # of the gain: half of the own noise, or the range times 1.4
 
 
 def record(options: argparse.Namespace, array: MicrophoneArray) -> None:
