@@ -12,15 +12,14 @@ from av_audio.band_search import BAND_METHODS, BandSearch
 from av_audio.correlation import Correlation
 from av_audio.ego_noise import NoiseRecording
 from av_audio.further_sources import FurtherSources
-from av_audio.spectra import CONVERTED_SHARE, SpectrumAnalyzer
+from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ, SpectrumAnalyzer
 from av_audio.steered_response import Peak, is_source
 from av_audio.weighting import phat, plain
 from av_common.microphone_array import MicrophoneArray
 
 METHODS = tuple(BAND_METHODS)
-# Phases above the band are used up to this frequency, where the sound of drones fades; up to where converters filter; and up to
-# so many wavelengths between the outermost microphones.
-WIDEBAND_HZ = 8000.0
+# Phases above the band are used up to HIGHEST_HZ, to where converters filter, and to so many wavelengths between the outermost
+# microphones.
 WIDEBAND_WAVELENGTHS = 10.0  # more make the grid of a plane larger than 170 x 170 points
 
 
@@ -76,7 +75,7 @@ def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window
     """
     highest = 0.0
     if method == 'ml' and wideband and (recording is None or array.rank == 1):
-        highest = min(WIDEBAND_HZ, CONVERTED_SHARE * sample_rate / 2.0, WIDEBAND_WAVELENGTHS * speed_of_sound / array.aperture)
+        highest = min(HIGHEST_HZ, CONVERTED_SHARE * sample_rate / 2.0, WIDEBAND_WAVELENGTHS * speed_of_sound / array.aperture)
     analyzer = SpectrumAnalyzer(sample_rate, window, band_hz, highest_hz=highest)
     frequencies, response = analyzer.frequencies, analyzer.response
     if recording is None and method in ('ml', 'phat', 'plain'):

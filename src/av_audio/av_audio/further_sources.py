@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
-from av_audio.steered_response import Peak, SteeredResponse, spread_of
+from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
 
@@ -25,9 +25,8 @@ SEPARATION, RESOLVED = 0.36, 1.3
 # the shares of the sources in each cluster are estimated (expectation maximisation).
 CONCENTRATION, INDEPENDENT, SHARE_STEPS = 8.0, 0.1, 4
 LOG_NORMAL = np.log(np.i0(CONCENTRATION))
-# Significance of a further source that chance hardly reaches. To an array, bins that two sources share look like a source at
+# A further source is more probable than chance. To an array, bins that two sources share look like a source at
 # another place, alike in many clusters: significance counts by this factor, and sigma by its inverse.
-LEAST_SIGNIFICANCE = 2.8
 ARRAY_SIGNIFICANCE = 0.6
 # Noise differs from one cluster to the next. What a body between two microphones does to a source does not: in neighbouring
 # clusters it looks like a source elsewhere. To a pair a source is also significant in wider clusters. As these are fewer, their
@@ -91,7 +90,7 @@ class FurtherSources(SteeredResponse):
         found, peaks = [strongest], list[Peak]()
         while len(found) < most:
             peak = self._beside(phases, found)
-            if peak is None or peak.significance < LEAST_SIGNIFICANCE or peak.height < self._least_height:
+            if peak is None or peak.significance < EVEN_SIGNIFICANCE or peak.height < self._least_height:
                 break
             found.append(peak.q)
             refined = [self._again(phases, found, k) for k in range(len(found))]

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from av_audio.spectra import CONVERTED_SHARE
+from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ
 
 BLOCK_S = 0.02     # frames of codes have 10 to 40 ms
 BAND_HZ = 500.0    # 10 bins of a block, as many values for a median
-LOWEST_HZ, HIGHEST_HZ = 500.0, 8000.0    # codes keep the phases below; the sound of drones fades above
+LOWEST_HZ = 500.0    # codes keep the phases below
 # Ratio of the medians of both deviations: 1 by the model, and above 0.79 in each of 20 windows of sound from broadside; 0.1 to
 # 0.5 where Vorbis and Opus have removed phases (the tests of this module repeat it).
 LEAST_RATIO = 0.6

@@ -10,6 +10,8 @@ from scipy import fft  # scipy.signal would double the time in which a node star
 LEAST_RESPONSE = 0.1
 # Up to this share of half of the sample rate converters pass what they sample.
 CONVERTED_SHARE = 0.92
+# The sound of drones fades above.
+HIGHEST_HZ = 8000.0
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
 # prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25

@@ -22,13 +22,13 @@ STEP_S = 0.1             # interval between corrections
 DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
 UNSEEN_DRIFT = 1e-4      # slew (s/s), either way, while the sender is late: twice that of crystals
 CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for a whole window
-NEAR_S = 0.01
+NEAR_S = 0.01            # deviation that is chased
 EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
 LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
 REORDERED_S = 0.015      # largest delay of a stamp older than its predecessor: a step back of the clock looks alike
 WIDTH_S = 0.1            # largest difference of the offsets of one candidate from its first
-MOST_CANDIDATES = 16
-CANDIDATE_SILENCE_S = 2.0
+MOST_CANDIDATES = 16     # so that a flood costs little
+CANDIDATE_SILENCE_S = 2.0    # after which a candidate is forgotten: twice the time of an agreement
 REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
 LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
 

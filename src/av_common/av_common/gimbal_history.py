@@ -15,13 +15,13 @@ from av_common.quaternions import Quaternion, between, inverse, product, vector_
 from av_common.stamps import to_seconds
 from av_common.timeline import Timeline
 
-KEEP_S = 5.0
+KEEP_S = 5.0  # of orientations: images are at most a second late
 FEEDBACK_TIMEOUT_S = 0.5  # after the newest measured orientation arrived, from which the gimbal counts as silent
 GAP_S = 0.06  # after a measured orientation, which the model fills
 OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused
 NEAREST_S = 0.02  # behind the newest orientation, up to which it is taken for the present one
 LARGEST_VARIANCE = 10.0  # rad^2
-LEAST_SIGMA = math.radians(0.05)
+LEAST_SIGMA = math.radians(0.05)  # of any report: those of a variance of 0 are rounded, too
 FASTEST = math.radians(1500.0)  # rad/s, between two measured orientations: gimbal and body together
 SUDDEN = math.radians(5.0)  # rad, in addition
 PATH = 0.25  # share of the angle between two orientations by which the interpolated one may be wrong

@@ -16,7 +16,7 @@ from pathlib import Path
 RUN_FOLDER = 'AV_RIG_RUN'     # folder of files that outlive a process but not the launch; marks the launch's processes, too
 RESTARTS = 'AV_RIG_RESTARTS'  # number of earlier processes of this launch that this one replaces
 HUNG = 'AV_RIG_HUNG'          # of them, how many had hung
-BEAT_PERIOD_S = 0.5
+BEAT_PERIOD_S = 0.5           # a small part of the time after which a process counts as hung
 
 
 def run_folder() -> Path | None:

@@ -21,7 +21,7 @@ MOST_MICROPHONES = 256  # so that a file makes no more than 32,640 pairs
 # again, whatever the direction.
 WIDEST_GAP_M = 3.4
 UNITS_M = {'millimetres': 1e-3, 'centimetres': 1e-2}
-USUAL_SIZE_M = 0.15
+USUAL_SIZE_M = 0.15  # of arrays; the unit that brings positions closest to it was probably meant
 
 
 @dataclass(frozen=True)

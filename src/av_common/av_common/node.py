@@ -41,7 +41,7 @@ except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
 __all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RigNode', 'run')
-RETRY_S = 2.0
+RETRY_S = 2.0  # between attempts to configure and activate
 FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
 TOLD_S = 60.0  # after its start for which a process warns that it replaces one that hung
