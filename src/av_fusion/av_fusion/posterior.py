@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.tracks.track import MAX_GAP_S, Track
 
-SECTORS = 120
+SECTORS = 120  # of 3 deg: finer than a picture shows
 EDGES = np.linspace(-math.pi, math.pi, SECTORS + 1)
 TURNS = math.tau * np.arange(-2, 3)[:, None]  # beyond which a normal distribution has nothing at deviations up to pi
 LEAST_SIGMA, LARGEST_SIGMA = 1e-4, math.pi  # rad

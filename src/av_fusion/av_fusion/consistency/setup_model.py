@@ -18,7 +18,7 @@ from av_common.angles import wrap
 from av_fusion.consistency.events import SightEvent, SoundEvent
 
 TARGET, TARGET_RATE, BIAS, RADIAL_BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(10)
-SIZE = 10
+SIZE = 10  # of the state: the above
 ALONE = 4  # first filters of the bank: sound by itself, by both mirror images of where it was first heard, moving or at rest
 # Errors that a careful description still has: of the camera's yaw (rad), its stamps (s), the delay between the microphones as
 # a cosine, and the logarithms of spacing and focal length. Self-calibration learns what remains.

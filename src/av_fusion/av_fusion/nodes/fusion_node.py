@@ -39,7 +39,7 @@ from av_interfaces.msg import (
 )
 from av_interfaces.srv import SelectTarget
 
-POSTERIOR_PERIOD_S = 0.1
+POSTERIOR_PERIOD_S = 0.1  # for people who watch
 
 
 class FusionNode(RigNode):

@@ -21,7 +21,7 @@ from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
-from av_fusion.tracks.track import Track
+from av_fusion.tracks.track import SoundComparison, Track
 
 LOOK_S = 1.0  # of sound, by which `Doa.drone_probability` is judged
 
@@ -89,12 +89,13 @@ class MultiBernoulliFilter:
                    places: Sequence[tuple[float, Vector]], fraction: float, look: float, elapsed: float) -> None:
         """Associate the directions with the tracks, update these, and begin tracks for what none explains."""
         detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
-        gains, confidences = np.array([(detected * one.peak / one.clutter, one.confidence) for one in heard]).T
+        gains = np.array([detected * one.peak / one.clutter for one in heard])
         fundamentals = fundamental_likelihoods(measurements)
-        compared = [track.compare_sound(heard, confidences, place) for track, place in zip(self.tracks, places, strict=True)]
+        compared = [track.compare_sound(heard, place) for track, place in zip(self.tracks, places, strict=True)]
         shape = len(self.tracks), len(heard)
-        ratios = np.array([track.sound_ratios(each, gains)
-                           for track, each in zip(self.tracks, compared, strict=True)]).reshape(shape)
+        missed = self._missed(compared)
+        ratios = np.array([track.sound_ratios(each, gains, lost)
+                           for track, each, lost in zip(self.tracks, compared, missed, strict=True)]).reshape(shape)
         voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
                           ).reshape(shape)
         voices /= np.maximum.reduce(voices, initial=1.0)  # an echo sounds alike: only other targets are excluded
@@ -102,9 +103,9 @@ class MultiBernoulliFilter:
         free = free_factors(ratios * voices, 1.0 + odds)
         shares = association_probabilities(ratios * voices, free)
         new = unclaimed(ratios * voices, free, 1.0 + odds) * odds / (1.0 + odds)
-        for track, each, factors, row in zip(self.tracks, compared, free * voices, shares, strict=True):
+        for track, each, lost, factors, row in zip(self.tracks, compared, missed, free * voices, shares, strict=True):
             if each:
-                track.use_sound(time, each, gains * factors, fraction)
+                track.use_sound(time, each, gains * factors, lost, fraction)
             track.blade_pass.update(fundamentals, row, fraction)
             track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(np.add.reduce(row)))
         self._note_told_apart(shares)
@@ -114,6 +115,14 @@ class MultiBernoulliFilter:
                 begun.mixture.note_measured(heard=time)
                 begun.blade_pass.update(fundamentals[j:j + 1], np.ones(1), fraction)
                 begun.note_kind(Source.SOUND, kinds[j:j + 1], [1.0])
+
+    def _missed(self, compared: Sequence[Sequence[SoundComparison]]) -> list[float]:
+        """Probability for each track that it is not among the directions although it can be heard: another may mask it."""
+        if len(compared) == 1:
+            return [1.0 - self._settings.sound_detection_probability]
+        present = [track.presence(each) for track, each in zip(self.tracks, compared, strict=True)]
+        return [1.0 - self._settings.sound_detection_probability
+                * (1.0 - self._settings.masked * max(present[:k] + present[k + 1:], default=0.0)) for k in range(len(present))]
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.

@@ -18,7 +18,7 @@ from av_fusion.tracks.motion import MotionModel
 AGREEING = math.radians(10.0)  # components closer together are one direction
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
 LEAST_WEIGHT = 1e-6  # least weight of a component
-LEAST_ABSENT = 1e-9
+LEAST_ABSENT = 1e-9  # no target is surer, so that it can still be given up
 _WEIGHT = attrgetter('weight')
 
 

@@ -18,7 +18,7 @@ class FilterSettings:
         loss_rate (1/s): rate at which targets disappear.
         sound_floor_sigma (rad): error of directions of arrival beyond what they report.
         sound_detection_probability: that a target that can be heard is among the directions of arrival of a window.
-        masked: probability that a target is not among them where another source is: louder ones hide it.
+        masked: probability that a target is not among them where another one is: louder ones hide it.
         unheard_rate, unheard_time (s): long-run probability that louder sources mask a target, and correlation time of that.
         detection_probability: probability that a visible target in view is detected.
         sight_correlation (s): correlation time of the errors of successive images.

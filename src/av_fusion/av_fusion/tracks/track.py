@@ -37,13 +37,11 @@ class SoundComparison(NamedTuple):
         component: the component.
         directions: compared with each direction.
         fits (k, m): of each in each mode of motion, see `Comparison`.
-        missed: probability that the target is not among the directions although it can be heard.
     """
 
     component: GaussianComponent
     directions: Sequence[Comparison]
     fits: NDArray[np.float64]
-    missed: float
 
 
 class Track:
@@ -127,40 +125,43 @@ class Track:
         for component in self.mixture.components:
             component.p_unheard = rate + kept * (component.p_unheard - rate)
 
-    def compare_sound(self, heard: Sequence[Hearing], confidences: NDArray[np.float64], place: tuple[float, Vector]
-                      ) -> list[SoundComparison]:
-        """Each component compared with each direction of arrival of one window.
-
-        Parameters:
-            heard, confidences (m,): the directions, and the probability of each that it stems from a source.
-            place: the result of `predict`.
-        """
+    def compare_sound(self, heard: Sequence[Hearing], place: tuple[float, Vector]) -> list[SoundComparison]:
+        """Each component compared with each direction of arrival of one window; `place` is the result of `predict`."""
         compared = []
         for component in self.mixture.components:
             past = component.at(*place)
             directions = [hearing.likelihood.compare(component, past) for hearing in heard]
             fits = np.array([direction.fits for direction in directions]).T
-            others = float(np.max(confidences * (1.0 - component.modes @ fits)))  # a source elsewhere may hide the target
-            missed = 1.0 - self._settings.sound_detection_probability * (1.0 - self._settings.masked * others)
-            compared.append(SoundComparison(component, directions, fits, missed))
+            compared.append(SoundComparison(component, directions, fits))
         return compared
 
-    def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    @staticmethod
+    def presence(compared: Sequence[SoundComparison]) -> float:
+        """Probability that it exists and is where one of the directions is, as far as its density tells places apart.
+
+        Parameters:
+            compared: of the components with the directions.
+        """
+        return float(np.max(sum([component.weight * (component.modes @ fits) for component, _, fits in compared], np.zeros(1))))
+
+    def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float
+                     ) -> NDArray[np.float64]:
         """Likelihood ratio of each direction of arrival: that it stems from this target, over that none does, (m,).
 
         Parameters:
             compared: of the components with the directions.
             gains (m,): peak likelihood of each direction from a target that can be heard, over clutter.
+            missed: probability that the target is not among the directions although it can be heard.
         """
         none, ratios = self.mixture.absent, np.zeros(len(gains))
-        for component, _, fits, missed in compared:
+        for component, _, fits in compared:
             audible = component.weight * (1.0 - component.p_unheard)
             none += component.weight - audible * (1.0 - missed)
             ratios += audible * (component.modes @ fits)
         return ratios * gains / none
 
-    def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], fraction: float
-                  ) -> None:
+    def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float,
+                  fraction: float) -> None:
         """Weigh and update the components by the directions of arrival of one window.
 
         Likelihoods are raised to the effective sample fraction, as windows overlap; associations are those of this window.
@@ -169,10 +170,11 @@ class Track:
             time (s): capture time.
             compared: of the components with the directions.
             gains (m,): see `sound_ratios`, times how far each direction is free for this target.
+            missed: see `sound_ratios`.
             fraction: effective sample fraction.
         """
         tempered = gains**fraction
-        for component, directions, fits, missed in compared:
+        for component, directions, fits in compared:
             unheard = component.p_unheard
             totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
             likelihoods = (1.0 - unheard) * fits * gains
