@@ -26,7 +26,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'city = av_network.cli.city:main',
             'network_node = av_network.nodes.network_node:main',
         ],
     },

@@ -1,4 +1,4 @@
-"""ros2 run av_network city: a city of cells on this machine, over Zenoh, with simulated rigs; prints what it costs.
+"""ros2 run av_evaluation city: a city of cells on this machine, over Zenoh, with simulated rigs; prints what it costs.
 
 Each cell takes the reports of the rigs that reach it, and hands tracks over to its neighbours. No list names the rigs. Halfway
 the router is killed, and started again after --outage. Needs eclipse-zenoh.
@@ -11,7 +11,6 @@ import json
 import multiprocessing
 import multiprocessing.synchronize
 import resource
-import struct
 import sys
 import threading
 import time
@@ -22,16 +21,13 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
 from av_common.stamps import to_seconds
+from av_evaluation.network.city import REPORTS, TRACKS, Cell, Grid, Names, World, all_cells
 from av_interfaces.msg import RigReport, WorldTrackArray
-from av_network.city.cell import REPORTS, TRACKS, Cell, Grid, all_cells
-from av_network.city.world import Names, World
 
 RATE_HZ, OUTPUT_HZ, STEP_S = 4.0, 4.0, 0.05  # of reports and of tracks; of the loops
 QUIET = bytes(serialize_message(RigReport(version=RigReport.VERSION)))  # a report without directions
-STAMP = 8  # place of the stamp in it, after the encapsulation and the version
 READY_S, GRACE_S = 60.0, 5.0  # for the processes to begin, and to end
 MOST_WAITING = 1000  # messages of one key, of which the oldest are lost then
-SAMPLE = 50  # of reports without directions, one in so many is timed
 COVERED, LATE_S = 0.9, 0.5  # what is asked for: drones with a track, and age of 95 % of the reports
 
 
@@ -114,7 +110,7 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
     grid = _grid(options)
     world = World(grid, options.rigs, options.drones, options.seed)
     keys = [grid.report_key(f'rig{index + 1}', place) for index, place in enumerate(world.places)]
-    sent, size, quiet = 0, 0, bytearray(QUIET)
+    sent = size = 0
     with _session(options) as session:
         ready.release()
         while not told.value and not stop.wait(STEP_S):
@@ -127,11 +123,7 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
                     break
                 time.sleep(max(begin + due - time.time(), 0.0))
             rig = number % options.rigs
-            if world.is_near(rig, due):
-                data = bytes(serialize_message(world.report(rig, due, begin)))
-            else:
-                struct.pack_into('<iI', quiet, STAMP, *divmod(round((begin + due) * 1e9), 10**9))
-                data = bytes(quiet)
+            data = bytes(serialize_message(world.report(rig, due, begin))) if world.is_near(rig, due) else QUIET
             session.put(keys[rig], data)
             sent, size = sent + 1, size + len(data)
         stop.wait(GRACE_S)
@@ -166,10 +158,10 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
 
 
 def _take(sample: Any, takers: Sequence[Cell], counts: dict[str, int], delays: list[float]) -> None:
-    """Count a message, and give it to its cells; of reports without directions few are looked at."""
+    """Count a message, and give its cells one that is more than a report without directions."""
     data = sample.payload.to_bytes()
     counts['received'], counts['received_bytes'] = counts['received'] + 1, counts['received_bytes'] + len(data)
-    if len(data) > len(QUIET) or counts['received'] % SAMPLE == 0:
+    if len(data) > len(QUIET):
         stamp = _use(takers, str(sample.key_expr), data, counts)
         if stamp is not None:
             delays.append(time.time() - stamp)
@@ -184,7 +176,7 @@ def _use(cells: Sequence[Cell], key: str, data: bytes, counts: dict[str, int]) -
                 cell.on_tracks(tracks, time.time())
             return None
         message = deserialize_message(data, RigReport)
-        for cell in cells if message.directions else ():
+        for cell in cells:
             cell.on_report(key.rsplit('/', 1)[1], message, time.time())
         return to_seconds(message.header.stamp)
     except Exception:  # noqa: BLE001 - whatever comes from outside
@@ -212,7 +204,7 @@ def _router(options: argparse.Namespace) -> None:
 def _session(options: argparse.Namespace) -> Any:
     """A session with the router, which is waited for, and connected to again."""
     import zenoh
-    config = zenoh.Config.from_file(options.config) if options.config else zenoh.Config.from_json5(json.dumps({
+    config = zenoh.Config.from_json5(json.dumps({
         'mode': 'client', 'scouting': {'multicast': {'enabled': False}},
         'connect': {'endpoints': [options.router], 'timeout_ms': -1, 'exit_on_failure': False,
                     'retry': {'period_init_ms': 100, 'period_max_ms': 500, 'period_increase_factor': 2}}}))
@@ -269,7 +261,6 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     add('--outage', type=float, default=1.0, help='s for which the router is dead, halfway; 0 for never (%(default)s)')
     add('--processes', type=int, default=2, help='which share the cells (%(default)s)')
     add('--router', default='tcp/127.0.0.1:7448', help='endpoint of the router (%(default)s)')
-    add('--config', default='', help="Zenoh's own file for the sessions: keys, TLS, endpoints of other routers")
     add('--seed', type=int, default=1, help='of rigs and drones (%(default)s)')
     options = parser.parse_args(arguments)
     low = {'rigs': 4, 'cells': 2, 'drones': 1, 'duration': 2.0, 'outage': 0.0, 'processes': 1, 'size': 20.0}

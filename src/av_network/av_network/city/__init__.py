@@ -1,1 +1,0 @@
-"""A city: cells of space, each with a tracker of its own, that hand tracks over at their borders."""
