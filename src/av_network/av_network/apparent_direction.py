@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SOUND_SPEED = 343.2  # m/s, in air of 20 degrees Celsius (`av_common.acoustics`)
+from av_common.acoustics import speed_of_sound
+
+SOUND_SPEED = speed_of_sound()  # m/s, in air of 20 degrees Celsius
 LEAST_DISTANCE_M = 0.5
 
 

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag, solveh_banded
 
 from av_network import sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
-from av_network.motion_model import nearly_constant_velocity
+from av_network.motion_model import motion
 from av_network.observation import Observation, RigState
 from av_network.settings import RigSettings
 
@@ -183,7 +183,7 @@ def _motion_bands(steps: NDArray[np.float64]) -> NDArray[np.float64]:
         steps (k,) (s): between the states.
     """
     found = np.zeros((len(steps) + 1, 12, 6))
-    F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(steps, DENSITY))
+    F, Q = (np.kron(part, np.eye(3)) for part in motion(steps, np.array([[0.0, 1.0], [0.0, 0.0]]), DENSITY))
     inverse = np.linalg.inv(Q)
     found[:-1, 6:] = -inverse @ F
     found[:-1, :6] -= F.swapaxes(1, 2) @ found[:-1, 6:]

@@ -46,11 +46,6 @@ class Innovations(NamedTuple):
         """Those of k pairs of a target and an observation, without the axis of the observations."""
         return Innovations(*(part[targets, observations] for part in self))
 
-    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Residuals (..., 2) and covariances (..., 2, 2), the means over the modes."""
-        return (np.einsum('...f,...fi->...i', self.modes, self.residuals),
-                np.einsum('...f,...fij->...ij', self.modes, self.covariances))
-
 
 class HypothesisFilter:
     """Targets that fly steadily or manoeuvre, observed by rigs.
@@ -118,8 +113,8 @@ class HypothesisFilter:
         step = 0.0 if self.time is None else time - self.time
         modes, shares = mixing(self.modes, np.full(self.count, step))
         mean, P = mixed(shares, self.mean, self.covariance)
-        F, Q = target_motion(step, mean[:, :, 3:MEASURED_SIZE])
-        return modes, np.einsum('nfij,nfj->nfi', F, mean), F @ P @ F.swapaxes(-1, -2) + Q
+        F, Q = target_motion(step)
+        return modes, np.einsum('fij,nfj->nfi', F, mean), F @ P @ F.swapaxes(-1, -2) + Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
         """Differences of a rig's observations from what the targets would give.

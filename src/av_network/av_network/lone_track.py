@@ -62,9 +62,7 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
     modes, mix = mixing(modes, steps)
     for axis in (0, 1):
         state[:, :, axis], P[:, :, axis] = mixed(mix, state[:, :, axis], P[:, :, axis])
-    speeds = distances * np.linalg.norm(np.einsum('kf,kfa->ka', modes, state[..., 1]), axis=1)
-    F, Q = (np.stack(part, 1)[:, :, None] for part in zip(*(axis_motion(steps, speeds, mode)
-                                                           for mode in motion_model.MODES), strict=True))
+    F, Q = (part[:, :, None] for part in axis_motion(steps))
     shares = _shares(angles[:, 1]) / distances[:, None] ** 2
     P = F @ P @ F.swapaxes(-1, -2) + shares[:, None, :, None, None] * Q
     state = np.einsum('kfaij,kfaj->kfai', np.broadcast_to(F, P.shape), state)

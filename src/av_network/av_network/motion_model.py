@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 
 class Mode(NamedTuple):
@@ -31,76 +31,44 @@ MANOEUVRE = Mode(3.8, 0.6, 1.5)
 MODES = (STEADY, MANOEUVRE)
 SPEED_SIGMA = 8.0  # m/s, prior standard deviation of a target's velocity along each horizontal axis
 CLIMB_SHARE = 0.3  # standard deviations of vertical velocities and accelerations over those of horizontal ones
-VELOCITY_MEMORY_S = 8.0  # in which a small velocity falls to 1 / e of itself, unless it is measured anew
-MEMORY_SPEED = 10.0  # m/s, from which on that time grows, with the square of the speed
-LONGEST_STEP_S = 0.5  # short beside the memory of velocities
-SHORT = 0.01  # of a step over the duration of accelerations
+VELOCITY_MEMORY_S = 8.0  # in which a velocity falls to 1 / e of itself, unless it is measured anew
+LONGEST_STEP_S = 10.0  # more than a target lasts without reports; of longer ones the exponential would lose its precision
 
 
-def nearly_constant_velocity(steps: NDArray[np.float64], density: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transitions (k, 2, 2) and covariances (k, 2, 2) of the process noise of (position, velocity) along one axis.
+def motion(steps: NDArray[np.float64], dynamics: NDArray[np.float64], density: float
+           ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (k, n, n) and covariances (k, n, n) of dx = A x dt + dw, whose last element has white noise.
 
-    The acceleration is white (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
-    section 6.2.2).
+    By the exponential of one matrix (Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. AC 23(3),
+    1978).
 
     Parameters:
-        steps (k,) (s): of time.
-        density: spectral density of the acceleration, in the square of the position's unit over s^3.
+        steps (k,) (s): of time, not negative.
+        dynamics (n, n): A.
+        density: spectral density of the noise, in the square of the last element's unit over s.
     """
-    one = np.ones_like(steps)
-    F = np.array([[one, steps], [0.0 * one, one]])
-    Q = density * np.array([[steps**3 / 3.0, steps**2 / 2.0], [steps**2 / 2.0, steps]])
-    return np.moveaxis(F, -1, 0), np.moveaxis(Q, -1, 0)
+    n = len(dynamics)
+    both = np.block([[-dynamics, np.zeros((n, n))], [np.zeros((n, n)), dynamics.T]])
+    both[n - 1, 2 * n - 1] = density
+    found = expm(steps[:, None, None] * both)
+    F = found[:, n:, n:].swapaxes(1, 2)
+    return F, F @ found[:, :n, n:]
 
 
-def singer(steps: NDArray[np.float64], variance: float, duration: float
-           ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transitions (k, 3, 3) and covariances (k, 3, 3) of the noise of (position, velocity, acceleration) along one axis.
+def axis_motion(steps: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (k, m, 3, 3) and noise's covariances of (position, velocity, acceleration) along a horizontal axis, by mode.
 
     The acceleration is exponentially correlated (Singer, Estimating optimal tracking filter performance for manned maneuvering
-    targets, IEEE Trans. AES 6(4), 1970).
+    targets, IEEE Trans. AES 6(4), 1970). A velocity is forgotten, so that its uncertainty stays finite while nothing is
+    measured.
 
     Parameters:
-        steps (k,) (s): of time; back in time, the velocity changes its sign.
-        variance ((m/s^2)^2): of the acceleration.
-        duration (s): time in which the acceleration falls to 1 / e of itself.
+        steps (k,) (s): of time; negative ones count as 0.
     """
-    t, x = np.abs(steps), np.abs(steps) / duration
-    once, twice, one = np.exp(-x), np.exp(-2.0 * x), np.ones_like(x)
-    F = np.array([[one, t, duration**2 * (x - 1.0 + once)], [0.0 * x, one, duration * (1.0 - once)], [0.0 * x, 0.0 * x, once]])
-    places, cross, speeds = (1.0 - twice + 2.0 * x + 2.0 / 3.0 * x**3 - 2.0 * x**2 - 4.0 * x * once,
-                             1.0 + twice - 2.0 * once + 2.0 * x * once - 2.0 * x + x**2, 4.0 * once - 3.0 - twice + 2.0 * x)
-    reach, change, rest = 1.0 - twice - 2.0 * x * once, (1.0 - once)**2, 1.0 - twice
-    Q = np.array([[places, cross, reach], [cross, speeds, change], [reach, change, rest]])
-    # Of short steps, these are differences of nearly equal numbers.
-    short = np.array([[x**5 / 10.0, x**4 / 4.0, x**3 / 3.0], [x**4 / 4.0, 2.0 / 3.0 * x**3, x**2], [x**3 / 3.0, x**2, 2.0 * x]])
-    units = np.array([duration**2, duration, 1.0])
-    signs = np.stack([one, np.copysign(one, steps), one])
-    turned = signs[:, None] * signs
-    Q = variance * np.multiply.outer(units, units)[..., None] * np.where(x < SHORT, short, Q)
-    return np.moveaxis(F * turned, -1, 0), np.moveaxis(Q * turned, -1, 0)
-
-
-def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], mode: Mode
-                ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transitions (k, 3, 3) and covariances (k, 3, 3) of the process noise of k targets along one horizontal axis.
-
-    Singer's model with a velocity that is forgotten, so that its uncertainty stays finite while nothing is measured. Slow
-    drones stay where they are, fast ones fly on: the memory grows with the square of the speed.
-
-    Parameters:
-        steps (k,) (s): of time, of any sign.
-        speeds (k,) (m/s): of the targets.
-        mode: of flight.
-    """
-    parts = max(math.ceil(float(np.max(np.abs(steps), initial=0.0)) / LONGEST_STEP_S), 1)
-    F, Q = singer(steps / parts, mode.sigma**2, mode.time)
-    memory = VELOCITY_MEMORY_S * (1.0 + (speeds / MEMORY_SPEED) ** 2)
-    half = np.stack([np.ones_like(memory), np.exp(-0.5 * np.abs(steps) / parts / memory), np.ones_like(memory)], 1)
-    first, noise = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
-    F, Q = first, noise
-    for _ in range(parts - 1):
-        F, Q = first @ F, first @ Q @ first.transpose(0, 2, 1) + noise
+    steps = np.clip(steps, 0.0, LONGEST_STEP_S)
+    found = [motion(steps, np.array([[0.0, 1.0, 0.0], [0.0, -1.0 / VELOCITY_MEMORY_S, 1.0], [0.0, 0.0, -1.0 / mode.time]]),
+                    2.0 * mode.sigma**2 / mode.time) for mode in MODES]
+    F, Q = (np.stack(part, 1) for part in zip(*found, strict=True))
     return F, Q
 
 
@@ -109,18 +77,14 @@ def axes_shares() -> NDArray[np.float64]:
     return np.array([1.0, 1.0, CLIMB_SHARE**2])
 
 
-def target_motion(step: float, velocities: NDArray[np.float64]
-                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transitions (n, m, 9, 9) and covariances (n, m, 9, 9) of the noise of targets' position, velocity and acceleration (ENU).
+def target_motion(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (m, 9, 9) and covariances (m, 9, 9) of the noise of position, velocity and acceleration (ENU) in each mode.
 
     Parameters:
-        step (s): of time, of any sign.
-        velocities (n, m, 3) (m/s): of the targets in each mode.
+        step (s): of time.
     """
-    speeds, shares = np.linalg.norm(velocities, axis=2), np.diag(axes_shares())
-    found = [axis_motion(np.full(len(speeds), step), speeds[:, k], mode) for k, mode in enumerate(MODES)]
-    F, Q = (np.stack(part, 1) for part in zip(*found, strict=True))
-    return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, shares), np.float64)
+    F, Q = (part[0] for part in axis_motion(np.array([step])))
+    return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, np.diag(axes_shares())), np.float64)
 
 
 def velocity_covariance() -> NDArray[np.float64]:
@@ -140,11 +104,11 @@ def changes(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     A change leads to any mode by its usual probability, at rates that keep those.
 
     Parameters:
-        steps (k,) (s): the times; amounts count.
+        steps (k,) (s): the times; negative ones count as 0.
     """
     usual = usual_modes()
     rate = sum(1.0 / mode.duration for mode in MODES) if len(usual) > 1 else 0.0
-    stay = np.exp(-rate * np.abs(steps))[:, None, None]
+    stay = np.exp(-rate * np.maximum(steps, 0.0))[:, None, None]
     return np.asarray(stay * np.eye(len(usual)) + (1.0 - stay) * usual)
 
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network.lasting_error import LastingError
 from av_network.lone_track import LoneTrack
 from av_network.observation import Observation
 
@@ -20,7 +19,6 @@ NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
 SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
 WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
-MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon; and, as errors last, for and against
 
 
 class Member(NamedTuple):
@@ -31,14 +29,12 @@ class Member(NamedTuple):
         last (s): time of its newest observation that was used, by the reference clock.
         gain: what it has added to the target's score.
         alone: the track as a target of its own.
-        error: of its directions to the target.
     """
 
     id: int
     last: float
     gain: float
     alone: LoneTrack
-    error: LastingError
 
 
 @dataclass
@@ -50,28 +46,24 @@ class NetworkTarget:
         measured (s): time of its newest observation.
         supported (s): time of its newest observation while another rig observed it, too.
         id: counted up; 0 for a candidate.
-        born (s): when it was confirmed.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
         members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
         refuted: whether an observation cannot stem from it.
         classes: how often the rigs named each class.
         log_odds_drone: running mean of the logarithms of the odds that the rigs report for a drone; NaN while unknown.
-        disputed_since (s): since when it is no part of the best global hypothesis; inf while it is.
     """
 
     started: float
     measured: float
     supported: float = -math.inf
     id: int = 0
-    born: float = math.inf
     odds: float = 0.0
     members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
     refuted: bool = False
     classes: Counter[str] = field(default_factory=Counter)
     log_odds_drone: float = math.nan
-    disputed_since: float = math.inf
 
     @property
     def confirmed(self) -> bool:
@@ -91,7 +83,7 @@ class NetworkTarget:
         found = self.members.get(rig)
         return found if found is not None and found.id == track else None
 
-    def note(self, one: Observation, time: float, nis: float, gain: float, alone: LoneTrack, error: LastingError) -> None:
+    def note(self, one: Observation, time: float, nis: float, gain: float, alone: LoneTrack) -> None:
         """Note an observation that was used.
 
         Parameters:
@@ -100,11 +92,10 @@ class NetworkTarget:
             nis: normalised innovation squared.
             gain: logarithm of its density over that if it stemmed from another target.
             alone: the rig's track as that other target.
-            error: of the rig's directions to this one.
         """
         sighting, before = one.sighting, self.member(one.rig, one.sighting.id)
         gain += before.gain if before else 0.0
-        self.members[one.rig] = Member(sighting.id, time, max(min(gain, MOST_GAIN), -MOST_GAIN), alone, error)
+        self.members[one.rig] = Member(sighting.id, time, gain, alone)
         self.measured = max(self.measured, time)
         if any(member.last >= time - SUPPORT_S for other, member in self.members.items() if other != one.rig):
             self.supported = max(self.supported, time)

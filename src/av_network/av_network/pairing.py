@@ -13,7 +13,6 @@ from scipy.linalg import block_diag
 from av_common.angles import angles_to_direction
 from av_network.apparent_direction import SOUND_SPEED
 from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, largest_sigmas
-from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import begin
 from av_network.motion_model import SPEED_SIGMA, velocity_covariance
 from av_network.network_target import Member, NetworkTarget, membership
@@ -23,7 +22,6 @@ HOPELESS = -4.0  # score from which a candidate ends
 WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
 MOST_CANDIDATES = 40  # that are examined at a time
-MOST_RELATIVE_SIGMA = 0.5  # of the distance, beyond which a position is not linear enough to begin with
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
 MOST_PROPOSED = 8  # candidates by one report
 MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
@@ -177,9 +175,8 @@ class Pairing:
         new_means, new_covariances = (part[begun:] for part in states.targets())
         nearest = np.min([np.linalg.norm(new_means[:, :3] - [pair[part].position for pair in pairs], axis=1)
                           for part in (0, 1)], axis=0)
-        possible = (scores > HOPELESS) & (largest_sigmas(new_covariances)
-                                          < np.minimum(MOST_RELATIVE_SIGMA * nearest, 2.0 * MOST_SIGMA_M))
+        possible = (scores > HOPELESS) & (largest_sigmas(new_covariances) < 2.0 * MOST_SIGMA_M)
         states.keep([*range(begun), *(begun + np.flatnonzero(possible))])
         return [NetworkTarget(time, time, members={
-            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row])), UNKNOWN)
+            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row])))
             for one in pairs[row]}) for row in np.flatnonzero(possible)]

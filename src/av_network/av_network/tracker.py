@@ -11,7 +11,6 @@ from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
-from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation, Report
@@ -22,19 +21,14 @@ from av_network.settings import RigSettings
 from av_network.trust import RigTrust
 
 MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
-TARGET_DENSITY = 0.4  # 1/sr, expected number of targets in a solid angle of a rig's sky that are not tracked yet
 CONFIRMED = 0.95  # probability of existence from which a candidate becomes a track
 LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))
 LEAST_AGE_S = 1.0  # for which a candidate is observed before
+TARGET_DENSITY = 0.4  # 1/sr, of targets in a rig's sky that are not tracked yet, at the least
+HEMISPHERE = 2.0 * math.pi  # sr, a rig's sky
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
-JOINING_GATE = 9.0
-REFUTING = 32.0  # squared Mahalanobis distance at which a rig's track leaves a candidate
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
 SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
-SKY = 2.0  # sr, in which a rig's targets usually are
-USUAL_REST = 2  # directions of a report that belong to no target while TARGET_DENSITY holds
-MATURE_S = 2.0  # after which a target teaches the errors of directions
-DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
 DECISION_PERIOD_S = 0.25
 NEVER = 1e6  # cost of an impossible assignment
 
@@ -75,7 +69,7 @@ class NetworkTracker:
         self._pairing = Pairing(self._most_distance)
         self.trust = RigTrust(len(self._known))
         self._decided = -math.inf
-        self._density = TARGET_DENSITY  # 1/sr, of those that are not tracked yet
+        self._density = TARGET_DENSITY  # 1/sr, of directions that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
 
     def join(self, rig: RigSettings) -> None:
@@ -128,8 +122,8 @@ class NetworkTracker:
         if rig not in self.trust:
             self._leave_out(rig)
             return
-        # A crowd of directions that are not explained makes chance meetings likely.
-        self._density = max(TARGET_DENSITY, (len(observations) - len(assigned) - USUAL_REST) / SKY)
+        # Directions that are not explained make chance meetings likely.
+        self._density = max(TARGET_DENSITY, (len(observations) - len(assigned)) / HEMISPHERE)
         known = explained(self.hypotheses, present, LEAST_ODDS)
         contested = [column for column, one in enumerate(observations) if one.key not in known]
         pairs = {row: column for column, row in assigned.items()}
@@ -191,13 +185,13 @@ class NetworkTracker:
                 continue
             if np.any(own[row]):
                 column = int(np.argmax(own[row]))
-                if innovations.squared[row, column] < REFUTING:
+                if innovations.squared[row, column] < GATE:
                     found[row] = column
                 else:
                     del each.members[rig]
             elif contested and (rig not in each.members or time - each.members[rig].last > SILENT_S):
                 column = min(contested, key=lambda column: float(innovations.squared[row, column]))
-                if innovations.squared[row, column] < JOINING_GATE:
+                if innovations.squared[row, column] < GATE:
                     found[row] = column
         return found
 
@@ -211,12 +205,11 @@ class NetworkTracker:
         picked = innovations.pick(rows, columns)
         members = [each.member(rig, one.sighting.id) for each, one in zip(targets, used, strict=True)]
         alone = separate([member.alone if member else None for member in members], used, means, self._density)
-        errors, gains = track_errors([member.error if member else UNKNOWN for member in members], used, *picked.moments())
-        gains += picked.log_density - [density for _, density in alone]
+        gains = picked.log_density - [density for _, density in alone]
         for k, (each, one) in enumerate(zip(targets, used, strict=True)):
-            each.note(one, time, float(picked.squared[k]), float(gains[k]), alone[k][0], errors[k])
+            each.note(one, time, float(picked.squared[k]), float(gains[k]), alone[k][0])
         self.filter.update(rows, picked)
-        sure = np.array([not one.sighting.by_sound and time - each.born > MATURE_S and each.supported >= time
+        sure = np.array([not one.sighting.by_sound and each.confirmed and each.supported >= time
                          for each, one in zip(targets, used, strict=True)], bool)
         if np.any(sure):
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
@@ -259,8 +252,7 @@ class NetworkTracker:
         self._keep(kept)
 
     def _is_lost(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return (sigma > MOST_SIGMA_M or time - each.measured > COAST_S
-                or time - each.disputed_since > DISPUTED_S)
+        return sigma > MOST_SIGMA_M or time - each.measured > COAST_S
 
     def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:
         return (each.refuted or len(each.members) < 2 or each.score(each.tracks()) < HOPELESS
@@ -291,13 +283,12 @@ class NetworkTracker:
             if each.confirmed:
                 if len(members[row]) < 2:
                     each.odds = MEMBER_BONUS
-                each.disputed_since = math.inf if each.odds > 0.0 else min(each.disputed_since, time)
             elif (each.odds >= LEAST_ODDS and time - each.started >= LEAST_AGE_S
                   and sigmas[row] < MOST_SIGMA_M):
                 self._confirm(each, members[row], time)
 
     def _confirm(self, each: NetworkTarget, keys: set[tuple[int, int]], time: float) -> None:
-        each.id, each.born = self.new_id(), time
+        each.id = self.new_id()
         each.members = {rig: member for rig, member in each.members.items() if (rig, member.id) in keys}
         for key in each.tracks():
             self.unexplained.pop(key, None)

@@ -12,7 +12,6 @@ from scipy.stats import multivariate_normal
 from av_network import motion_model
 from av_network.apparent_direction import apparent_directions
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.lasting_error import UNKNOWN, track_errors
 from av_network.lone_track import separate
 from av_network.motion_model import Mode, usual_modes
 from av_network.observation import Observation, RigState, Sighting
@@ -103,35 +102,10 @@ def test_uncertain_headings_and_clocks_are_errors_of_directions():
     assert uncertain.residuals[0, 0, 0, 0] == pytest.approx(0.1 * level / distance, rel=0.02)
 
 
-def with_lasting_error(times, headings, residuals, S, variances):
-    """The error after some innovations, and the logarithm of their density."""
-    error, total = UNKNOWN, 0.0
-    for time, heading, residual in zip(times, headings, residuals, strict=True):
-        known = EXACT._replace(heading=heading, heading_sigma=math.sqrt(variances[0] - variances[1]))
-        one = Observation(0, np.zeros(3), sighting(0.1, 0.0, measured=time), known, variances[1])
-        (error,), (gain,) = track_errors([error], [one], residual[None], S[None])
-        total += gain + multivariate_normal.logpdf(residual, cov=S)
-    return error, total
-
-
-def test_directions_with_an_error_that_lasts_are_as_probable_as_together():
-    """Three innovations with an error that fades, against their joint density; a new heading turns the error."""
-    times, noise, variances = np.array([1.0, 2.0, 3.5]), np.array([2e-4, 5e-4]), np.array([9e-4, 1e-4])
-    residuals, S = np.array([[0.03, 0.01], [0.025, -0.01], [-0.01, 0.02]]), np.diag(noise + variances)
-    kept = np.exp(-np.abs(np.subtract.outer(times, times)) / 5.0)
-    joint = [multivariate_normal.logpdf(residuals[:, axis], cov=variances[axis] * kept + noise[axis] * np.eye(3))
-             for axis in (0, 1)]
-    assert with_lasting_error(times, np.zeros(3), residuals, S, variances)[1] == pytest.approx(sum(joint))
-    turn = np.array([0.02, 0.0])
-    late, early = (with_lasting_error(np.ones(3), headings, residuals + np.outer(headings, [1.0, 0.0]), S, variances)[0]
-                   for headings in (np.array([0.0, 0.0, turn[0]]), np.full(3, turn[0])))
-    assert np.allclose(late.mean, early.mean) and np.allclose(late.share, early.share)
-
-
 def test_density_of_a_lone_track_is_that_of_its_motion(monkeypatch):
-    """Against the joint Gaussian density of three directions to one target whose acceleration is short, and less in height."""
+    """Against the joint Gaussian density of three directions to one target that flies steadily, and less in height."""
     distance, times, sigma = 50.0, np.array([0.0, 0.3, 0.7]), 0.01
-    for name, value in (('MODES', (Mode(math.sqrt(2e4), 1e-4, 1.0),)), ('CLIMB_SHARE', 0.5), ('VELOCITY_MEMORY_S', 1e9)):
+    for name, value in (('MODES', (Mode(1e-6, 1.0, 1.0),)), ('CLIMB_SHARE', 0.5), ('VELOCITY_MEMORY_S', 1e9)):
         monkeypatch.setattr(motion_model, name, value)
     azimuths = np.array([0.1, 0.16, 0.19])
     observations = [Observation(0, np.zeros(3), sighting(a, 0.0, sigma, measured=time), EXACT)
@@ -140,9 +114,8 @@ def test_density_of_a_lone_track_is_that_of_its_motion(monkeypatch):
     for one in observations:
         ((track, density),) = separate([track], [one], np.array([[distance, 0.0, 0.0]]), 0.2)
         total += density
-    # Given the first angle, later ones vary by its error, by the rate, and by twice integrated white noise.
-    s, t = np.minimum.outer(times[1:], times[1:]), np.maximum.outer(times[1:], times[1:])
-    motion = (8.0 / distance)**2 * np.outer(times[1:], times[1:]) + 4.0 / distance**2 * (s**2 * t / 2.0 - s**3 / 6.0)
+    # Given the first angle, later ones vary by its error and by the rate.
+    motion = (8.0 / distance)**2 * np.outer(times[1:], times[1:])
     expected = math.log(0.2) + sum(
         multivariate_normal.logpdf(angles, [angle] * 2, sigma**2 * (1.0 + np.eye(2)) + share * motion)
         for angle, angles, share in ((azimuths[0], azimuths[1:], 1.0), (0.0, np.zeros(2), 0.25)))

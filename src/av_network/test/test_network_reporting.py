@@ -9,7 +9,6 @@ import pytest
 
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.lasting_error import UNKNOWN
 from av_network.lone_track import LoneTrack
 from av_network.network_target import Member, NetworkTarget
 from av_network.observation import Observation, RigState, Sighting
@@ -17,7 +16,7 @@ from av_network.reporting import target_states
 from av_network.settings import RigSettings
 
 ALONE = LoneTrack(0.0, np.zeros(2), np.zeros((2, 2, 3)), np.zeros((2, 2, 3, 3)), np.ones(2) / 2)
-KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0, born=-5.0)
+KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0)
 
 
 def positioned(target, sigma=1.0, time=10.5):
@@ -38,7 +37,7 @@ def test_a_position_that_is_not_verified_is_not_told(values):
 
 def test_a_fourth_rig_makes_a_chance_meeting_improbable():
     """Innovations of 3.5 instead of 2 are believed of four rigs, those of 4.1 are not."""
-    members = {rig: Member(1, 10.0, 5.0, ALONE, UNKNOWN) for rig in range(4)}
+    members = {rig: Member(1, 10.0, 5.0, ALONE) for rig in range(4)}
     inconsistent = replace(KNOWN, nis=3.5, members=members)
     assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.1))
     del members[3]
@@ -56,5 +55,5 @@ def test_a_target_is_supported_while_two_rigs_observe_it():
     for time in np.arange(0.0, 5.0, 0.25):
         for rig in (0, 1) if time <= 2.0 else (0,):
             one = Observation(rig, np.zeros(3), Sighting(rig, 0.0, 0.0, np.eye(2), time), RigState(0.0, 0.0, 0.0, 0.0, 0.0))
-            target.note(one, float(time), 2.0, 0.0, ALONE, UNKNOWN)
+            target.note(one, float(time), 2.0, 0.0, ALONE)
     assert target.measured == 4.75 and target.supported == 3.5
