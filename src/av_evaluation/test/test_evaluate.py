@@ -15,7 +15,7 @@ from av_evaluation.cli.evaluate import main
 from av_evaluation.metrics.comparison import SigmaFigures, sigma_by_sensor
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
 from av_evaluation.report.page import Page
-from av_evaluation.runs import program
+from av_evaluation.runs import program, runs
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.runs import run_case
 
@@ -149,3 +149,16 @@ def test_errors_are_compared_with_the_sigma_of_the_sensor_that_leads():
 def test_scenarios_are_heard_as_the_node_hears():
     """A case of its own default would measure another number of sources than rigs use."""
     assert Case('talker').max_sources == node_parameters('av_audio', 'doa_node').max_sources
+
+
+def test_a_thermal_rig_looks_with_the_thermal_detector(monkeypatch):
+    make, made = runs.detection_stage, []
+
+    def stop(*arguments):
+        made.append(make(*arguments))
+        raise ValueError('no need to simulate')
+    monkeypatch.setattr(runs, 'detection_stage', stop)
+    for scenario in ('night_thermal', 'night'):
+        with pytest.raises(ValueError, match='no need'):
+            run_case(Case(scenario, model='shipped'))
+    assert [one.detector.detector.model.path.name for one in made] == ['drone_detector_ir.onnx', 'drone_detector.onnx']

@@ -74,10 +74,15 @@ class StaticRig:
         self.rig.advance(time)
 
 
-def detection_stage(model: str) -> DetectionStage:
-    """The stage of detector_node with a detector by name or file; '' for the shipped one. Raises ModelError or ValueError."""
+def detection_stage(model: str, camera_kind: str = 'visible') -> DetectionStage:
+    """The stage of detector_node. Raises ModelError or ValueError.
+
+    Parameters:
+        model: the detector by name or file; '' for the shipped one.
+        camera_kind: visible or thermal.
+    """
     return make_detection_stage(node_parameters('av_vision', 'detector_node', (), {
-        'model': model, 'threads': 1}))
+        'model': model, 'camera_kind': camera_kind, 'threads': 1}))
 
 
 def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') -> tuple[RunLog, MeasurementRecord, list[str]]:

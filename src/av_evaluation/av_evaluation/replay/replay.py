@@ -225,7 +225,7 @@ class Replay:
         others = {method: self._doa_stage(rig, method=method) for method in estimators}
         self._comparison = None if self._record is None else EstimatorComparison(
             {method: stage for method, stage in others.items() if stage is not None}, self._converter, self._record)
-        self._pipeline = Pipeline(doa, self._detection_stage(camera), self._fusion, pointing, self._recorder,
+        self._pipeline = Pipeline(doa, self._detection_stage(rig, camera), self._fusion, pointing, self._recorder,
                                   self._converter, self._publish)
 
     def _doa_stage(self, rig: Rig, **changes: Any) -> DoaStage | None:
@@ -234,11 +234,11 @@ class Replay:
         array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
         return make_doa_stage(self._parameters('av_audio', 'doa_node'), array, **changes)
 
-    def _detection_stage(self, camera: PinholeCamera) -> DetectionStage | None:
+    def _detection_stage(self, rig: Rig, camera: PinholeCamera) -> DetectionStage | None:
         if names.IMAGE not in self._topics:
             return None
         model = self._settings.model if self._settings.model != 'shipped' else ''
-        given = {'model': model, 'keep_classes': list(self._settings.classes)}
+        given = {'model': model, 'camera_kind': rig.camera.kind, 'keep_classes': list(self._settings.classes)}
         return make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}),
                                     camera, self._frames.rotation)
 

@@ -21,10 +21,11 @@ class Oracle:
     Parameters:
         camera: intrinsics.
         solids: that occlude.
+        thermal: whether the camera sees heat, which needs no light.
     """
 
-    def __init__(self, camera: PinholeCamera, solids: Sequence[Solid]) -> None:
-        self._camera, self._solids = camera, Solids(solids)
+    def __init__(self, camera: PinholeCamera, solids: Sequence[Solid], thermal: bool = False) -> None:
+        self._camera, self._solids, self._thermal = camera, Solids(solids), thermal
 
     def boxes(self, view: View) -> list[OracleBox]:
         """Boxes of the visible drones in a view."""
@@ -64,7 +65,7 @@ class Oracle:
             low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
             box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
         truth = TruthBox(drone.target_id, box, 1.0 - float(hidden.mean()), transmission, distance)
-        return truth, oracle_box(seen, truth, contrast_left(view))
+        return truth, oracle_box(seen, truth, contrast_left(view, transmission, self._thermal))
 
 
 class Solids:

@@ -20,7 +20,6 @@ from av_simulator.rendering.camera_effects import (
     ARM_WARMER_K,
     BLADE_WARMER_K,
     BODY_WARMER_K,
-    FOG_SHARE,
     GROUND_WARMER_K,
     MOTOR_WARMER_K,
     TEXTURE_K,
@@ -127,16 +126,11 @@ class SceneRenderer:
         for number, drone in enumerate(view.drones):
             where = seen[drone.target_id]
             truth.append(self._truth(view, number, drone, where, depth))
-            if where is not None and (box := oracle_box(where, truth[-1], self._light(view, truth[-1]))) is not None:
+            if where is not None and (box := oracle_box(where, truth[-1], contrast_left(
+                    view, truth[-1].transmission, self._thermal_camera is not None))) is not None:
                 boxes.append(box)
         segmentation = None if identities is None else self._owner[identities]
         return RenderedImage(image, boxes, truth, depth, segmentation, thermal)
-
-    def _light(self, view: View, truth: TruthBox) -> float:
-        """Factor on the contrast of visible light: exposure, or how much better heat comes through fog."""
-        if self._thermal_camera is None:
-            return contrast_left(view)
-        return float(max(truth.transmission, 1e-9) ** (FOG_SHARE - 1.0))
 
     def _place(self, view: View) -> None:
         data, model = self._data, self._model
