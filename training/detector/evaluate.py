@@ -29,13 +29,14 @@ from av_vision.yolo.model import parsed
 SLICE = 416  # pixels; they are enlarged threefold, to the model's input
 LOWEST = 0.02
 COCO_CLASSES = ('airplane', 'bird', 'kite')  # what a drone is taken for
-PARTS = ('real', 'elsewhere', 'rendered', 'simulator', 'live')  # of a visible detector; `thermal` is one by itself
+PARTS = ('real', 'elsewhere', 'rendered', 'simulator', 'live')  # of a visible detector
+THERMAL = ('thermal', 'black_hot')  # of a thermal one: the clips as they are, and inverted without being told
 QUICK = 5
 
 AIMS = {'test_clip': ('known places', '0.93 / 0.80', '0.03'), 'test_scene': ('new places', '0.90 / 0.78', '0.08')}
 
 
-def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str = 'V') -> list[Row]:
+def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str = 'V', inverted: bool = False) -> list[Row]:
     """The held-out clips, by split: every third frame in order, each by itself and with time, as a rig searches them.
 
     Parameters:
@@ -43,13 +44,14 @@ def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str =
         alone: threshold of single images.
         args: the command line.
         kind: visible (V) or infrared (IR) clips.
+        inverted: whether they are shown as negatives.
     """
     rows: list[Row] = []
     in_time = ScoreFusionModel.from_metadata(detector.model.metadata).threshold or alone
     print(f'threshold of single images {alone}, of tracks {in_time}')
     print('split      results       boxes    frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
     for split in ('validation', 'test_clip', 'test_scene') if kind == 'V' else ('validation', 'test_clip'):
-        results = detect_all(detector, args.data, split, args.regions, QUICK if args.quick else 1, kind)
+        results = detect_all(detector, args.data, split, args.regions, QUICK if args.quick else 1, kind, inverted)
         labels = (True, False) if kind == 'V' else (False,)  # tight boxes of infrared clips are not known
         for fused, loose in product((False, True), labels):
             threshold = in_time if fused else alone
@@ -61,7 +63,7 @@ def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str =
             row = '  '.join(f'{figure:.3f}' for figure in figures)
             print(f'{split:10} {how} {len(results):8} {m.drones.sum():6}  {row}', flush=True)
             if kind == 'IR' and split == 'test_clip':
-                rows += rows_of_infrared(m, threshold, fused)
+                rows += rows_of_infrared(m, threshold, fused, 'inverted infrared clips' if inverted else 'infrared clips')
             elif fused and split in AIMS:
                 rows += rows_of_clips(split, m, threshold, loose)
             if not loose:
@@ -86,10 +88,10 @@ def rows_of_clips(split: str, m: Measurement, threshold: float, loose: bool) -> 
             ('... of boxes scored 0.4 to 0.6, right', '0.5', f'{right:.2f} of {number}')]
 
 
-def rows_of_infrared(m: Measurement, threshold: float, fused: bool) -> list[Row]:
+def rows_of_infrared(m: Measurement, threshold: float, fused: bool, clips: str) -> list[Row]:
     """The table's rows of infrared clips that were not trained on, boxes as labelled."""
     how = 'in time, as a rig sees them' if fused else 'images by themselves'
-    return [(f'infrared clips, {how}, F1 at IoU 0.3 / 0.5', '0.85', f'{m.f1(threshold):.2f} / {m.f1(threshold, 0.5):.2f}'),
+    return [(f'{clips}, {how}, F1 at IoU 0.3 / 0.5', '0.85', f'{m.f1(threshold):.2f} / {m.f1(threshold, 0.5):.2f}'),
             ('... frames without a drone that show one', '< 0.05', f'{m.false_frames(threshold):.3f}'),
             ('... calibration error', '0.10', f'{m.calibration_error():.3f}')]
 
@@ -185,8 +187,8 @@ def figures(model: Path, classes: tuple[str, ...], args: argparse.Namespace) -> 
     threshold, began = plain.threshold, time.monotonic()
     rows: list[Row] = []
     print(f'\n{model.name}, threshold {threshold}')
-    if 'thermal' in args.only:
-        rows += real(low, threshold, args, 'IR')
+    for part in THERMAL:
+        rows += real(low, threshold, args, 'IR', part == 'black_hot') if part in args.only else []
     if 'real' in args.only:
         rows += real(low, threshold, args)
     if 'elsewhere' in args.only:
@@ -216,7 +218,7 @@ def main() -> None:
                         choices=[place.name for place in (*SOURCES, *JUDGED)])
     parser.add_argument('--clips', action='store_true', help='of each real clip, too')
     parser.add_argument('--quick', action='store_true', help='a fifth of everything')
-    parser.add_argument('--only', nargs='+', choices=(*PARTS, 'thermal'), default=PARTS)
+    parser.add_argument('--only', nargs='+', choices=(*PARTS, *THERMAL), default=PARTS)
     args = parser.parse_args()
     if {'real', 'rendered'} & set(args.only):
         build_cache(args.data, args.cache)

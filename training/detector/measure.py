@@ -133,8 +133,8 @@ class FrameResult:
         return some[some[:, 0] == 0, 1:]
 
 
-def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, every: int = 1, kind: str = 'V'
-               ) -> list[FrameResult]:
+def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, every: int = 1, kind: str = 'V',
+               inverted: bool = False) -> list[FrameResult]:
     """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold.
 
     Parameters:
@@ -144,6 +144,7 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, eve
         regions: how many regions of each image are searched, as on a rig; 0: all of it.
         every: every how manieth clip is shown.
         kind: visible (V) or infrared (IR) clips; what infrared labels are around is not known better than they say.
+        inverted: whether the clips are shown as negatives (black-hot).
     """
     results = []
     clips = clips_of(data, split, kind)[::every]
@@ -152,6 +153,7 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, eve
         planner = RegionPlanner(detector.model.longest, near, regions) if regions and near else None
         temporal = TemporalDetector(detector, planner=planner)
         for time, image, labels in film(data, clip):
+            image = 255 - image if inverted else image
             began = process_time()
             seen, searched = temporal.look(image, time)
             temporal.fuse(seen, time, searched)

@@ -295,7 +295,7 @@ def detector_nodes(arguments: Arguments) -> list[Node]:
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
     given = {'model': model, **classes}
     return [camera_node(arguments, 'detector_node', camera, {
-        'camera_kind': mount.kind, **(given if camera == 'camera' else {})})
+        'camera_kind': mount.images, **(given if camera == 'camera' else {})})
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 

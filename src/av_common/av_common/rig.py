@@ -97,6 +97,11 @@ class CameraMount:
         ideal = PinholeCamera.from_fov(self.width, self.height, np.deg2rad(self.horizontal_fov_deg))
         return PinholeCamera(self.width, self.height, ideal.fx, ideal.fy, ideal.cx, ideal.cy, self.distortion)
 
+    @property
+    def images(self) -> str:
+        """What the detector is told of the images: visible, thermal, or black_hot for thermal ones with dark heat."""
+        return 'black_hot' if (self.kind, self.palette) == ('thermal', 'black_hot') else self.kind
+
     @cached_property
     def optical_to_body(self) -> NDArray:
         """Rotation matrix (3, 3) from the optical frame to the frame that carries the camera."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from av_common.shipped import shipped_file
 
-FILES = {'visible': 'drone_detector.onnx', 'thermal': 'drone_detector_ir.onnx'}
+FILES = {'visible': 'drone_detector.onnx', **dict.fromkeys(('thermal', 'black_hot'), 'drone_detector_ir.onnx')}
 
 
 def shipped_model(camera_kind: str = 'visible') -> Path:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
@@ -103,12 +104,13 @@ class DetectionStage:
         camera: intrinsics; None until `on_camera_info`.
         rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
             raise ValueError.
+        black_hot: whether the images are inverted first, as detectors know heat bright.
     """
 
     def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None,
                  camera: PinholeCamera | None = None,
-                 rotation_of: RotationOf = lambda frame, time: None) -> None:
-        self.detector = detector
+                 rotation_of: RotationOf = lambda frame, time: None, black_hot: bool = False) -> None:
+        self.detector, self._black_hot = detector, black_hot
         self.shown: NDArray[np.uint8] | None = None
         self._gain = AutomaticGain()
         self._visibility = visibility
@@ -133,6 +135,7 @@ class DetectionStage:
         image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
         camera = self._camera_of(image.shape[1], image.shape[0])
         pose = self._pose(header.frame_id, time, camera)
+        image = cv2.bitwise_not(image) if self._black_hot else image
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
         visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
@@ -242,8 +245,8 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
-    visibility = None if p.camera_kind == 'thermal' else VisibilityReporter(p.visibility_distance, p.camera_height)
-    return DetectionStage(temporal, visibility, camera, rotation_of)
+    visibility = None if p.camera_kind != 'visible' else VisibilityReporter(p.visibility_distance, p.camera_height)
+    return DetectionStage(temporal, visibility, camera, rotation_of, p.camera_kind == 'black_hot')
 
 
 def make_detector(parameters: Any) -> Detector:

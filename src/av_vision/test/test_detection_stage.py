@@ -19,7 +19,7 @@ from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_interfaces.msg import Bearing
-from av_vision.detections import Candidates
+from av_vision.detections import Candidates, Detections
 from av_vision.messages import camera_info_message, image_message
 from av_vision.stage import make_detection_stage
 from av_vision.visibility import ground_distances
@@ -114,6 +114,17 @@ def test_images_that_cannot_be_decoded_are_refused_and_the_next_is_used(model):
     assert len(stage.on_image(image_at(2.0), 2.0)[0].detections) == 1
 
 
+def test_images_with_dark_heat_are_searched_inverted(model, monkeypatch):
+    image = np.random.default_rng(0).integers(0, 256, (416, 416), np.uint8)
+    searched = []
+    for kind, given in (('thermal', image), ('black_hot', 255 - image)):
+        stage = make(model, camera_kind=kind)
+        monkeypatch.setattr(stage.detector, 'detect', lambda image, *_: searched.append(image) or (Detections(), []))
+        assert stage.on_image(image_at(1.0, given), 1.0)[1] is None
+        assert np.array_equal(stage.shown, given)
+    assert np.array_equal(*searched)
+
+
 def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(model):
     stage = make(model, camera_kind='thermal')
     counts = np.random.default_rng(0).normal(7300.0, 5.0, (416, 416)).astype(np.uint16)
@@ -167,8 +178,8 @@ def test_a_drone_that_no_region_held_is_not_reported_as_absent(monkeypatch):
     probabilities = np.eye(4)[[detector._names.index('drone')]] * 0.9
 
     def candidates(image, floor, regions):
-        held = there and (not regions or any(region.holds(centre, 20.0) for region in regions))
-        return Candidates(np.array([[140.0, 110.0, 160.0, 130.0]])[:held], probabilities[:held])
+        held = there and (not regions or any(region.holds(centre, 40.0) for region in regions))
+        return Candidates(np.array([[130.0, 100.0, 170.0, 140.0]])[:held], probabilities[:held])
 
     monkeypatch.setattr(detector, 'candidates', candidates)
     answers = [stage.on_image(image_at(5.0 + k / 15.0, black), 5.0)[0] for k in range(90)]

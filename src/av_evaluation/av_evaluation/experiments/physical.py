@@ -79,7 +79,7 @@ def detection_stage(model: str, camera_kind: str = 'visible') -> DetectionStage:
 
     Parameters:
         model: the detector by name or file; '' for the shipped one.
-        camera_kind: visible or thermal.
+        camera_kind: visible, thermal or black_hot.
     """
     return make_detection_stage(node_parameters('av_vision', 'detector_node', (), {
         'model': model, 'camera_kind': camera_kind, 'threads': 1}))

@@ -238,7 +238,7 @@ class Replay:
         if names.IMAGE not in self._topics:
             return None
         model = self._settings.model if self._settings.model != 'shipped' else ''
-        given = {'model': model, 'camera_kind': rig.camera.kind, 'keep_classes': list(self._settings.classes)}
+        given = {'model': model, 'camera_kind': rig.camera.images, 'keep_classes': list(self._settings.classes)}
         return make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}),
                                     camera, self._frames.rotation)
 

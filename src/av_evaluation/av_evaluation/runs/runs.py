@@ -51,7 +51,7 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     pointing = PointingController(settings) if case.follow else None
     tracker = MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal))
     run = OfflineRun(scenario, rig, tracker, case.seed, pointing, estimators_of(case.methods),
-                     detection_stage(case.model, rig.camera.kind) if case.model else None,
+                     detection_stage(case.model, rig.camera.images) if case.model else None,
                      settings=LocalizerSettings(max_sources=case.max_sources))
     run.run(case.duration or None)
     return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
