@@ -27,7 +27,6 @@ from network import Network
 from numpy.typing import NDArray
 from thermal import INPUT, ThermalFrames
 
-from av_vision.motion import MotionModel
 from av_vision.yolo import Detector, DetectorSettings
 
 
@@ -99,8 +98,7 @@ def main() -> None:
     weights, shift = fit(logits, hits, counts)
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
-    motion = fit_motion(*(np.array(part) for part in zip(*paths(args.data, 'train', 'IR'), strict=True)),
-                        MotionModel.least_speed)
+    motion = fit_motion(*(np.array(part) for part in zip(*paths(args.data, 'train', 'IR'), strict=True)), 'IR')
     metadata = {'names': json.dumps(dict(enumerate(CLASSES))), 'task': 'detect', 'imgsz': str(INPUT), 'license': 'Apache-2.0',
                 'steps': ' + '.join(str(state['step']) for state in states), 'motion': json.dumps(asdict(motion)),
                 'description': 'Thermal drone detector, trained from the visible one; see the model card',

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path as File
 
 import numpy as np
@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from tight import PADDING
 
-from av_vision.motion import FAINT, HISTORY_S, MotionModel, Path
+from av_vision.motion import DECIDED, FAINT, HISTORY_S, MotionModel, Path
 
 OTHERS = ('AIRPLANE', 'HELICOPTER')
 EVERY_S = 0.5  # between the paths that are taken from a clip
+SPECK = 8.0  # pixels, below which networks tell drones from other things badly
 
 
-def paths(data: File, split: str, camera: str = 'V') -> Iterator[tuple[str, float, float]]:
-    """Class, speed (sizes/s) and acceleration (sizes/s^2) of labelled paths, of clips that show one object at a time.
+def paths(data: File, split: str, camera: str = 'V') -> Iterator[tuple[str, float, float, float]]:
+    """Class, speed (sizes/s), acceleration (sizes/s^2) and size (pixels) of labelled paths, of clips of one object at a time.
 
     Parameters:
         data: the data set.
@@ -45,13 +46,20 @@ def paths(data: File, split: str, camera: str = 'V') -> Iterator[tuple[str, floa
             last = time
             path.add(time, 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2] - padding).max()))
             if time >= next_s:
-                yield (clip.split('_')[1], *path.motion())
+                yield (clip.split('_')[1], *path.motion(), path.size)
                 next_s = time + EVERY_S
 
 
-def fit(kinds: NDArray, speeds: NDArray, accelerations: NDArray, least_speed: float) -> MotionModel:
-    """The model under which the classes of paths (n,) are most likely."""
+def fit(kinds: NDArray, speeds: NDArray, accelerations: NDArray, sizes: NDArray, camera: str = 'V') -> MotionModel:
+    """The model under which the classes of paths (n,) are most likely.
+
+    Parameters:
+        kinds, speeds, accelerations, sizes: the paths, see `paths`.
+        camera: visible (V), or infrared (IR), where nothing at rest looks like a drone (`specks.py`).
+    """
+    least_speed = MotionModel.least_speed
     used = (speeds >= least_speed) & np.isin(kinds, ('DRONE', *OTHERS))
+    small = (accelerations * sizes)[(kinds == 'DRONE') & (sizes < SPECK)]
     kinds, x = kinds[used], np.log(accelerations[used] + FAINT)
     drone = kinds == 'DRONE'
     weight = np.where(drone, 0.5 / drone.sum(), 0.0)
@@ -63,7 +71,12 @@ def fit(kinds: NDArray, speeds: NDArray, accelerations: NDArray, least_speed: fl
         return float(np.sum(weight * (np.logaddexp(0.0, z) - drone * z)))
 
     gain, neutral = minimize(unlikelihood, [1.0, 0.0]).x
-    return MotionModel(round(float(gain), 3), round(float(np.exp(neutral) - FAINT), 3), least_speed)
+    model = MotionModel(round(float(gain), 3), round(float(np.exp(neutral) - FAINT), 3), least_speed)
+    if camera == 'IR':
+        return model
+    bends = np.log(small)
+    return replace(model, speck=SPECK, bend=round(float(np.exp(np.median(bends))), 2), bends=round(float(bends.std()), 2),
+                   rests=round(DECIDED, 2))
 
 
 def write_metadata(path: File, **values: str) -> None:
@@ -78,11 +91,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('model', type=File)
     parser.add_argument('--data', type=File, required=True)
+    parser.add_argument('--thermal', action='store_true', help='infrared clips, for a thermal detector')
     args = parser.parse_args()
-    kinds, speeds, accelerations = (np.array(part) for part in zip(*paths(args.data, 'train'), strict=True))
-    model = fit(kinds, speeds, accelerations, MotionModel.least_speed)
+    camera = 'IR' if args.thermal else 'V'
+    columns = [np.array(part) for part in zip(*paths(args.data, 'train', camera), strict=True)]
+    model = fit(*columns, camera)
     write_metadata(args.model, motion=json.dumps(asdict(model)))
-    print(f'{np.isin(kinds, ("DRONE", *OTHERS)).sum()} paths: {model}')
+    print(f'{np.isin(columns[0], ("DRONE", *OTHERS)).sum()} paths: {model}')
 
 
 if __name__ == '__main__':

@@ -3,6 +3,11 @@
 The centres of the last second and a half are fitted by a parabola (least squares). Its acceleration, in sizes of the object,
 tells classes apart: the logarithm of the likelihood ratio is linear in that of the acceleration (logistic regression), and is
 used only where it speaks against the class. A track that hardly moves is not judged: a drone may hover.
+
+A speck is too small for its picture to tell what it is: a hot pixel, a lamp, a leaf or the edge of a cloud have good scores, too. They
+rest or drift evenly, and their measured acceleration is that of noise (Rayleigh). That of drones has another density (log-normal, fitted
+to labelled ones). Where specks mostly rest, one counts as such until a sequential test of the two densities (Wald 1945) says that it
+moves as drones do.
 """
 
 from __future__ import annotations
@@ -21,6 +26,8 @@ from av_common.files import shown
 HISTORY_S, LEAST_S, LEAST_POINTS = 1.5, 1.0, 6  # of a path that is judged
 LEAST_SIZE = 4.0  # pixels, below which boxes are mostly noise
 FAINT = 0.1  # sizes/s^2, acceleration that the noise of boxes may give
+JITTER = 0.3  # pixels, of the centres of boxes: 0.2 to 0.4 about the parabolas of small objects in infrared clips
+DECIDED = math.log(0.95 / 0.05)  # log-likelihood ratio at which a sequential test errs in one of twenty, either way
 
 
 @dataclass(frozen=True)
@@ -31,14 +38,22 @@ class MotionModel:
         gain: change of the log-odds for a factor e of the acceleration; 0 ignores the motion.
         neutral (sizes/s^2): acceleration from which on the motion says nothing.
         least_speed (sizes/s): speed below which a path is not judged.
+        speck (pixels): size, as a path has it, below which an object is a speck; 0 for none.
+        bend (pixels/s^2), bends: median acceleration of drones that are specks, and standard deviation of its logarithm.
+        rests (log-odds): of what rests among specks that look like drones.
     """
 
     gain: float = 0.0
     neutral: float = 1.0
     least_speed: float = 0.3
+    speck: float = 0.0
+    bend: float = 10.0
+    bends: float = 1.0
+    rests: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, low, high in (('gain', 0.0, 10.0), ('neutral', FAINT, 100.0), ('least_speed', 0.0, 100.0)):
+        for name, low, high in (('gain', 0.0, 10.0), ('neutral', FAINT, 100.0), ('least_speed', 0.0, 100.0),
+                                ('speck', 0.0, 1000.0), ('bend', 0.01, 1e4), ('bends', 0.01, 10.0), ('rests', 0.0, 10.0)):
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
 
@@ -52,11 +67,25 @@ class MotionModel:
             raise ValueError(f'motion is {shown(text)} in the metadata of the detector: {error}') from error
 
     def log_odds(self, path: Path) -> float:
-        """Log-likelihood ratio of the reported class to others, at most 0; 0 for a path that is too short to tell."""
+        """Log-likelihood ratio of the reported class to others, at most 0; 0 for a path that is too short to tell.
+
+        That of specks includes the odds of what rests.
+        """
+        speck = min(max(self.moves(path) - self.rests, -DECIDED), 0.0) if path.size < self.speck else 0.0
         speed, acceleration = path.motion() if self.gain else (0.0, 0.0)
         if speed < self.least_speed:
+            return speck
+        return speck + min(self.gain * math.log((acceleration + FAINT) / (self.neutral + FAINT)), 0.0)
+
+    def moves(self, path: Path) -> float:
+        """Log-likelihood ratio of the acceleration of a drone to that of noise; 0 for a path that is too short."""
+        acceleration, noise = path.acceleration()
+        if not acceleration > 0.0:
             return 0.0
-        return min(self.gain * math.log((acceleration + FAINT) / (self.neutral + FAINT)), 0.0)
+        drone = -0.5 * (math.log(acceleration / self.bend) / self.bends) ** 2 - math.log(
+            math.sqrt(2.0 * math.pi) * self.bends * acceleration)
+        rest = math.log(acceleration / noise**2) - 0.5 * (acceleration / noise) ** 2
+        return drone - rest
 
 
 class Path:
@@ -84,17 +113,44 @@ class Path:
             self._points = deque((time, centre, size) for (time, _, size), centre in zip(self._points, centres, strict=True)
                                  if np.isfinite(centre).all())
 
+    @property
+    def size(self) -> float:
+        """Median size in pixels; inf for an empty path."""
+        return float(np.median([size for _, _, size in self._points])) if self._points else math.inf
+
     def motion(self) -> tuple[float, float]:
         """Mean speed in sizes/s and acceleration in sizes/s^2; zeros for a path that is too short."""
-        if len(self._points) < LEAST_POINTS or self._points[-1][0] - self._points[0][0] < LEAST_S:
+        if self._short:
             return 0.0, 0.0
-        times = np.array([time for time, _, _ in self._points]) - self._points[0][0]
-        centres = np.array([centre for _, centre, _ in self._points])
-        return motion_of(times, centres / float(np.median([size for _, _, size in self._points])))
+        speed, acceleration, _ = motion_of(*self._track())
+        return speed / self.size, acceleration / self.size
+
+    def acceleration(self) -> tuple[float, float]:
+        """Acceleration, and the noise of each component of it (pixels/s^2); zeros for a path that is too short."""
+        if self._short:
+            return 0.0, 0.0
+        _, acceleration, noise = motion_of(*self._track())
+        return acceleration, noise
+
+    @property
+    def _short(self) -> bool:
+        return len(self._points) < LEAST_POINTS or self._points[-1][0] - self._points[0][0] < LEAST_S
+
+    def _track(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times (n,) in s from 0 on and centres (n, 2) in pixels."""
+        return (np.array([time for time, _, _ in self._points]) - self._points[0][0],
+                np.array([centre for _, centre, _ in self._points]))
 
 
-def motion_of(times: NDArray, centres: NDArray) -> tuple[float, float]:
-    """Mean speed and acceleration of the parabola that fits centres (n, 2) at times (n,) from 0 s on best."""
+def motion_of(times: NDArray, centres: NDArray) -> tuple[float, float, float]:
+    """Mean speed and acceleration of the parabola that fits centres (n, 2) at times (n,) from 0 s on best, and its noise.
+
+    The noise is the standard deviation that JITTER, or the centres' distance from the parabola where that is larger, gives each
+    component of the acceleration.
+    """
     powers = times[:, None] ** np.arange(3)
-    (_, velocity, half), *_ = np.linalg.lstsq(powers, centres, rcond=None)
-    return float(np.linalg.norm(velocity + half * times[-1])), 2.0 * float(np.linalg.norm(half))
+    fit, *_ = np.linalg.lstsq(powers, centres, rcond=None)
+    _, velocity, half = fit
+    residual = math.sqrt(np.square(centres - powers @ fit).sum() / (2.0 * (len(times) - 3)))
+    noise = 2.0 * math.sqrt(np.linalg.inv(powers.T @ powers)[2, 2]) * max(residual, JITTER)
+    return float(np.linalg.norm(velocity + half * times[-1])), 2.0 * float(np.linalg.norm(half)), noise

@@ -33,7 +33,7 @@ class ScoreFusionModel:
         prior (log-odds): prior of a class among all candidates of a detector.
         correlation (0-1): correlation of the log-odds in any two images of one object.
         memory_s (s): time in which the weight of an image falls to 1/e; 0 treats images independently.
-        floor (0-1): least probability of a candidate box, also used for images without a detection of the object.
+        floor (0-1): least probability of a candidate box. Images without one say nothing: drones and other things are missed alike.
         threshold (0-1): least posterior of a detection; 0 uses the detector's threshold.
     """
 
@@ -92,10 +92,6 @@ class ScoreFusion:
         self._weight = kept * self._weight + 1.0
         self._squared_weight = kept**2 * self._squared_weight + 1.0
         self._time = time
-
-    def miss(self, time: float) -> None:
-        """Add an image taken at `time` (s) in which the object was not detected."""
-        self.add(np.full(len(self._sum), self._model.floor), time)
 
     @property
     def mean(self) -> NDArray[np.float64]:

@@ -177,7 +177,6 @@ class Tracker:
         for track in self._tracks:
             if not any(track is one for one in found) and searched(track):
                 track.missed += 1
-                track.scores.miss(time)
         for k, assigned in enumerate(found):
             if assigned is not None:
                 self._follow(assigned, candidates, k, time)

@@ -73,3 +73,34 @@ def test_metadata_says_how_or_motion_is_ignored():
     for text in ('{', '[1]', '{"gain": -1}', '{"mood": 1}', '{"gain": "x"}', '{"neutral": 0}'):
         with pytest.raises(ValueError, match='motion'):
             MotionModel.from_metadata({'motion': text})
+
+
+WATCHED = MotionModel(speck=8.0, bend=16.0, bends=1.2, rests=2.94)
+
+
+def watched(velocity, acceleration, seconds=1.5, size=6.0, noise=0.3, seed=0):
+    """Log-odds of a path in pixels and seconds, of boxes that jitter."""
+    path, rng = Path(), np.random.default_rng(seed)
+    for time in np.arange(0.0, seconds + 1e-9, 1.0 / 15.0):
+        centre = np.array(velocity) * time + 0.5 * np.array(acceleration) * time**2 + rng.normal(0, noise, 2)
+        path.add(time, centre + START, size)
+    return WATCHED.log_odds(path)
+
+
+def test_a_speck_counts_as_what_rests_until_it_moves_as_drones_do():
+    for seed in range(50):
+        assert watched((0.0, 0.0), (0.0, 0.0), seed=seed) < -2.0, 'at rest'
+        assert watched((2.0, 1.0), (0.0, 0.0), seed=seed) < -2.0, 'drifting as a cloud'
+        assert watched((10.0, 0.0), (0.0, 12.0), seed=seed) == 0.0, 'flying'
+    assert watched((10.0, 0.0), (0.0, 12.0), seconds=0.8) == pytest.approx(-2.94, abs=0.01), 'not yet to be told'
+    assert watched((0.0, 0.0), (0.0, 0.0), size=9.0) == 0.0, 'no speck'
+
+
+def test_jitter_is_no_motion():
+    """A box that jumps by a pixel between two leaves has a noise of its own."""
+    assert np.mean([watched((0.0, 0.0), (0.0, 0.0), noise=1.0, seed=seed) < -1.0 for seed in range(200)]) > 0.95
+
+
+def test_of_specks_at_rest_one_in_twenty_is_taken_for_a_drone_at_most():
+    """Wald's bound, where the alternative is the fitted density of drones."""
+    assert np.mean([watched((0.0, 0.0), (0.0, 0.0), seed=seed) == 0.0 for seed in range(400)]) < 0.05
