@@ -1,7 +1,7 @@
-"""Specks of 5 to 7 pixels on real and painted backgrounds: how often a detector reports those that rest, drift, or fly as drones do.
+"""Specks of 5 to 7 pixels on real and painted backgrounds: how often a detector reports those that rest, drift, or fly.
 
-`python specks.py MODEL.onnx [...] --data DRONE_DETECTION [--thermal]`; models of one network that differ in their metadata share its
-candidates. Paths of drones are labelled ones of clips that nobody trained on.
+`python specks.py MODEL.onnx [...] --data DRONE_DETECTION [--thermal]`; models of one network that differ in their metadata
+share its candidates. Paths of drones are labelled ones of clips that nobody trained on.
 """
 
 from __future__ import annotations
@@ -119,8 +119,9 @@ def main() -> None:
     args = parser.parse_args()
     detectors = [Detector(model, DetectorSettings(keep=('drone',), threads=1)) for model in args.models]
     print(f'{args.count} + {args.count} sequences: share of the images with a report, in the first 1.2 s / then')
+    camera = 'IR' if args.thermal else 'V'
     for number, kind in enumerate(KINDS):
-        sequences = looks(detectors[0], np.random.default_rng(number), args.data, 'IR' if args.thermal else 'V', kind, args.count)
+        sequences = looks(detectors[0], np.random.default_rng(number), args.data, camera, kind, args.count)
         shares = [' / '.join(f'{share:.2f}' for share in reported(detector, sequences)) for detector in detectors]
         print(f'{kind:10} ' + '   '.join(shares), flush=True)
 

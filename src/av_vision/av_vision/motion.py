@@ -4,10 +4,10 @@ The centres of the last second and a half are fitted by a parabola (least square
 tells classes apart: the logarithm of the likelihood ratio is linear in that of the acceleration (logistic regression), and is
 used only where it speaks against the class. A track that hardly moves is not judged: a drone may hover.
 
-A speck is too small for its picture to tell what it is: a hot pixel, a lamp, a leaf or the edge of a cloud have good scores, too. They
-rest or drift evenly, and their measured acceleration is that of noise (Rayleigh). That of drones has another density (log-normal, fitted
-to labelled ones). Where specks mostly rest, one counts as such until a sequential test of the two densities (Wald 1945) says that it
-moves as drones do.
+A speck is too small for its picture to tell what it is: a hot pixel, a lamp, a leaf or a bit of cloud have good scores, too.
+They rest or drift evenly, and their measured acceleration is that of noise (Rayleigh). That of drones has another density
+(log-normal, fitted to labelled ones). Where specks mostly rest, one counts as such until a sequential test of the two densities
+(Wald 1945) says that it moves as drones do.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class ScoreFusionModel:
         prior (log-odds): prior of a class among all candidates of a detector.
         correlation (0-1): correlation of the log-odds in any two images of one object.
         memory_s (s): time in which the weight of an image falls to 1/e; 0 treats images independently.
-        floor (0-1): least probability of a candidate box. Images without one say nothing: drones and other things are missed alike.
+        floor (0-1): least probability of a candidate box. Images without one say nothing: all things are missed alike.
         threshold (0-1): least posterior of a detection; 0 uses the detector's threshold.
     """
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
@@ -135,7 +134,7 @@ class DetectionStage:
         image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
         camera = self._camera_of(image.shape[1], image.shape[0])
         pose = self._pose(header.frame_id, time, camera)
-        image = cv2.bitwise_not(image) if self._black_hot else image
+        image = 255 - image if self._black_hot else image
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
         visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
