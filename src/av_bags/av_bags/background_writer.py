@@ -14,7 +14,7 @@ from av_bags.writer import DEFAULT_QOS, BagWriter
 Encoder = Callable[[bytes], bytes]
 # A killed process loses the messages since the last write, a power failure those since the last sync.
 WRITE_PERIOD_S = 0.25
-SYNC_PERIODS = 4
+SYNC_PERIODS = 4  # of writing: once a second
 
 
 class BackgroundWriter:

@@ -31,6 +31,7 @@ Converter = Callable[[Any, int], Iterable[Any]]
 GAP_S = 0.05
 # Frame of audio whose messages name none.
 ARRAY_FRAME = 'microphones'
+# Of audio_common_msgs: numpy's type and full scale.
 FORMATS = {'S16LE': ('<i2', 32768.0), 'S32LE': ('<i4', 2147483648.0), 'F32LE': ('<f4', 1.0)}
 
 

@@ -15,7 +15,7 @@ from rosbags.typesys.store import Typestore
 
 from av_bags.errors import UnknownTypeError
 
-SEPARATOR = '=' * 80 + '\n'
+SEPARATOR = '=' * 80 + '\n'  # of the parts of a definition, by rosbag2
 # Definitions of a package that many bags use and few systems have installed.
 AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                 'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',

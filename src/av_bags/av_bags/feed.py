@@ -13,7 +13,7 @@ from av_bags.converters import AudioLayout, converter
 from av_bags.reader import Bag, Row
 from av_bags.timeline import GAP_NS, Segment
 
-SECOND = 10**9
+SECOND = 10**9  # ns
 # Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
 MOST_WAITING = 100    # messages behind a stamp that may be wrong

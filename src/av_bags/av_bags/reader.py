@@ -30,7 +30,7 @@ from av_bags.salvage import copy_in_order, records_of_database, records_of_file,
 from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
 from av_common.files import one_line
 
-FOREVER = 2**63 - 1
+FOREVER = 2**63 - 1  # ns, the largest time of a bag
 NO_FIELD = 'structure_needs_at_least_one_member'    # that of a definition without fields, in rosbags and ROS
 # Fields in which releases differ; bags with other ones are read (`converters`), and values that they lack are unknown.
 OTHER_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',

@@ -23,7 +23,7 @@ from av_bags.timeline import Steps
 
 # Errors that reading damaged bytes can raise.
 DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, OSError, MemoryError, KeyError)
-PLAUSIBLE_RECORD_BYTES = 2**31
+PLAUSIBLE_RECORD_BYTES = 2**31  # a longer record has a damaged length: chunks are some MB
 
 
 def salvage(path: Path, folder: Path) -> tuple[Path, list[str]]:

@@ -18,12 +18,12 @@ from av_bags.errors import BagError
 from av_bags.retrying_file import RetryingFile, UnnamedFile
 
 COMPRESSIONS = ('none', 'lz4', 'zstd')
-CHUNK_BYTES = 512 * 1024
-_EVER = QosTime(9223372036, 854775807)
+CHUNK_BYTES = 512 * 1024  # before compression, of messages that are read at once
+_EVER = QosTime(9223372036, 854775807)  # rmw's infinite duration
 DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.VOLATILE, _EVER, _EVER,
                   QosLiveliness.AUTOMATIC, _EVER, False)
 LATCHED = DEFAULT_QOS._replace(durability=QosDurability.TRANSIENT_LOCAL)
-COMMIT_BYTES = 64 * 1024
+COMMIT_BYTES = 64 * 1024  # of indexes, in memory before they are written
 
 
 class _Records:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from av_common.acoustics import speed_of_sound
 
 SOUND_SPEED = speed_of_sound()  # m/s, in air of 20 degrees Celsius
-LEAST_DISTANCE_M = 0.5
+LEAST_DISTANCE_M = 0.5  # nearer, no direction of a point is measured
 
 
 class ApparentDirections(NamedTuple):

@@ -20,9 +20,9 @@ from av_network.settings import RigSettings
 RIG_SIZE, HEADING, CLOCK = 2, 0, 1  # of the part of the state of one rig
 HEADING_DRIFT, CLOCK_DRIFT = math.radians(0.01), 1e-4  # rad and s per sqrt(s): random walks of headings and clock offsets
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
-SEGMENT_S = 2.5
-LEAST_OBSERVATIONS = 12
-ITERATIONS = 2
+SEGMENT_S = 2.5  # of a track, ten reports of each rig
+LEAST_OBSERVATIONS = 12  # of a segment: four numbers for each of the six of its track
+ITERATIONS = 2  # after one, clocks are up to 60 ms off (`network offsets`), after two 8
 STEP_S = 0.05  # between the times for which a track is solved: accelerations move a target by millimetres in less
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment

@@ -17,7 +17,7 @@ from av_network.observation import Observation
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
-SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
+SUPPORT_S = 1.5  # since a track's newest observation, for which its rig counts as observing the target: six reports
 WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
 
 

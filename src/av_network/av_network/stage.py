@@ -21,12 +21,12 @@ from av_network.messages import PUBLISHED, check_age, check_version, direction_m
 from av_network.network_target import TargetState
 from av_network.observation import Report
 from av_network.report_queue import ReportQueue
+from av_network.reporting import RECENT_S
 from av_network.settings import Datum, RigSettings, to_enu
 from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
-RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 PERIOD_S = 0.04  # least time between two reports of a rig that are used
 WAIT_S = 1.0  # see `ReportQueue`

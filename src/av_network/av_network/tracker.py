@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
-from av_network.network_target import WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
+from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation, Report
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
@@ -22,14 +22,13 @@ from av_network.trust import RigTrust
 
 MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
 CONFIRMED = 0.95  # probability of existence from which a candidate becomes a track
-LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))
+LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))  # the same
 LEAST_AGE_S = 1.0  # for which a candidate is observed before
 TARGET_DENSITY = 0.4  # 1/sr, of targets in a rig's sky that are not tracked yet, at the least
-HEMISPHERE = 2.0 * math.pi  # sr, a rig's sky
+SKY = math.pi  # sr, of elevations from 0 to 30 deg, in which a rig's targets usually are
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
-SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
-DECISION_PERIOD_S = 0.25
+DECISION_PERIOD_S = 0.25  # that of reports
 NEVER = 1e6  # cost of an impossible assignment
 
 
@@ -117,13 +116,13 @@ class NetworkTracker:
         """Associate, update, teach, and propose candidates."""
         innovations = self.filter.innovations(observations)
         assigned = self._assign(rig, observations, innovations, time)
-        present = [each.tracks(time - SILENT_S) for each in self.hypotheses]
+        present = [each.tracks(time - SUPPORT_S) for each in self.hypotheses]
         self._judge(rig, observations, assigned, present, time)
         if rig not in self.trust:
             self._leave_out(rig)
             return
         # Directions that are not explained make chance meetings likely.
-        self._density = max(TARGET_DENSITY, (len(observations) - len(assigned)) / HEMISPHERE)
+        self._density = max(TARGET_DENSITY, (len(observations) - len(assigned)) / SKY)
         known = explained(self.hypotheses, present, LEAST_ODDS)
         contested = [column for column, one in enumerate(observations) if one.key not in known]
         pairs = {row: column for column, row in assigned.items()}
@@ -189,7 +188,7 @@ class NetworkTracker:
                     found[row] = column
                 else:
                     del each.members[rig]
-            elif contested and (rig not in each.members or time - each.members[rig].last > SILENT_S):
+            elif contested and (rig not in each.members or time - each.members[rig].last > SUPPORT_S):
                 column = min(contested, key=lambda column: float(innovations.squared[row, column]))
                 if innovations.squared[row, column] < GATE:
                     found[row] = column
@@ -239,7 +238,7 @@ class NetworkTracker:
         candidates = 0
         for row in sorted(range(len(self.hypotheses)), key=lambda row: self._rank(self.hypotheses[row], time)):
             each = self.hypotheses[row]
-            keys = each.tracks(time - SILENT_S)
+            keys = each.tracks(time - SUPPORT_S)
             if (self._is_lost if each.confirmed else self._is_hopeless)(each, float(sigmas[row]), time):
                 continue
             if not each.confirmed:
@@ -260,7 +259,7 @@ class NetworkTracker:
 
     @staticmethod
     def _rank(each: NetworkTarget, time: float) -> tuple[bool, float]:
-        return not each.confirmed, -each.score(each.tracks(time - SILENT_S))
+        return not each.confirmed, -each.score(each.tracks(time - SUPPORT_S))
 
     def _keep(self, kept: Sequence[int]) -> None:
         if len(kept) == len(self.hypotheses):
@@ -273,7 +272,7 @@ class NetworkTracker:
 
     def _decide(self, time: float) -> None:
         """Candidates become targets whose odds are high, old enough, and precise enough; targets without odds are disputed."""
-        members = claims(self.hypotheses, time - SILENT_S)
+        members = claims(self.hypotheses, time - SUPPORT_S)
         scores = [each.score(keys) if len(keys) > 1 or each.confirmed else -math.inf
                   for each, keys in zip(self.hypotheses, members, strict=True)]
         odds = log_odds(scores, members)

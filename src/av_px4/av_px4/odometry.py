@@ -16,7 +16,7 @@ SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves 
 # s, by which a stamp may precede the clock's offset. A start of the whole rig, seconds of other load, or stalls of the agent
 # (up to 0.8 s flown) delay what comes; when it is on time again it is no restart of the clock, which would cost a second.
 EARLY_S = 0.9
-RADIANS_PER_RPM = 2.0 * math.pi / 60.0
+RADIANS_PER_RPM = 2.0 * math.pi / 60.0  # rad/s of a revolution a minute
 LARGEST = 1e4    # rad/s, more than any propeller's motor turns: such a number is none
 
 

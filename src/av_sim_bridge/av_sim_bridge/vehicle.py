@@ -13,7 +13,7 @@ from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu
 from av_sim_bridge.wire.imu import ImuSample
 from av_sim_bridge.wire.truth import VehicleTruth
 
-GRAVITY = 9.80665
+GRAVITY = 9.80665  # m/s^2, standard gravity (ISO 80000-3)
 QUADROTOR = 3  # RFlySim's type of the vehicle
 
 

@@ -35,7 +35,7 @@ PLAYED = QoSProfile(depth=100)
 LINGER_S = 1.0
 # Time between the first and the last subscription of a starting node.
 SETTLE_S = 0.5
-PAUSE_STEP_S = 0.05
+PAUSE_STEP_S = 0.05  # between looks for the end of a pause
 WAIT_S = 30.0  # for the nodes of wait_for
 CLOCK_HZ = 100.0  # of /clock
 

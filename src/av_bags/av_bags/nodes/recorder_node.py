@@ -27,7 +27,7 @@ from av_common.launched import restarts
 from av_common.node import RigNode, run
 from av_vision.messages import encoding_of, image_from_message
 
-DISCOVERY_PERIOD_S = 0.2
+DISCOVERY_PERIOD_S = 0.2  # between looks at the graph; messages before are lost
 JPEG_QUALITY = 95  # of compressed images
 # For the messages that arrive while another callback runs; of images some 10 MB.
 QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10

@@ -24,7 +24,7 @@ from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 RATE_HZ = 10.0  # of messages of tracks
 REPORT, REPORT_TYPE = '/network/report', 'av_interfaces/msg/RigReport'
 LOOK_S = 1.0  # between two looks for rigs that join
-MOST_RIGS = 64
+MOST_RIGS = 64  # that join: twice as many as take one core (`network cost`)
 SILENT_S = 3.0  # after which a rig is reported as silent
 
 

@@ -45,7 +45,7 @@ MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
                'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply'}
 LIMIT_TOPIC = 'yaw_rate_limit'
 DISCOVERY_S, WATCH_S = 0.5, 0.1    # periods of the search for topics, and of the look for others that steer the vehicle
-NO_MODE = (-1, -1)
+NO_MODE = (-1, -1)    # numbers that no registration has
 # What stops the vehicle is sent repeatedly: PX4 reads without acknowledgement, and nothing follows.
 LAST_SENT, LAST_PERIOD_S = 3, 0.02
 

@@ -21,7 +21,7 @@ _TIMEVAL = struct.Struct('qq')
 _SO_TIMESTAMPNS = 35      # Linux: arrival times from the kernel, independent of the load of the interpreter
 _SO_RCVBUFFORCE = 33      # Linux: buffers beyond net.core.rmem_max, for root only
 _IP_MULTICAST_ALL = 49    # Linux: 0 leaves out what other sockets of this machine have joined
-_LARGEST = 65_535
+_LARGEST = 65_535  # bytes of an IP packet
 
 
 def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',

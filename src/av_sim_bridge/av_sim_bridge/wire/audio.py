@@ -7,10 +7,10 @@ import numpy as np
 
 from av_sim_bridge.wire.error import WireError, check_number, check_time
 
-MAGIC = 1234567960
-MOST_BYTES = 65_507
+MAGIC = 1234567960  # own
+MOST_BYTES = 65_507  # of a UDP datagram: 65,535 less the headers of IP and UDP
 _HEADER = struct.Struct('<4i1d')   # magic, packet length with header, sequence, frames in the packet, time
-_TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}
+_TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}  # numpy type and full scale
 MOST_CHANNELS, MOST_RATE = 64, 384_000
 _LOUDEST = 16.0   # float samples beyond this (24 dB over full scale) are refused
 

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 LATEST_S = 4e9            # largest time on a sender's clock, in seconds of Unix time the year 2096
-FARTHEST_M = 1e6
-FASTEST_M_S = 1e5
-MOST_ACCELERATION_M_S2 = 1e7
+FARTHEST_M = 1e6  # beyond any map; as below, larger numbers are garbage
+FASTEST_M_S = 1e5  # 300 times the speed of sound
+MOST_ACCELERATION_M_S2 = 1e7  # a million g, of collisions in a simulator
 MOST_ANGLE_RAD = 1e3      # angles need not be wrapped
-MOST_RATE_RAD_S = 1e4
-MOST_RPM = 1e6
-MOST_PIXEL = 1e5
+MOST_RATE_RAD_S = 1e4  # 1,600 turns a second
+MOST_RPM = 1e6  # 20 times the fastest motor
+MOST_PIXEL = 1e5  # ten times the largest image
 
 
 class WireError(ValueError):

@@ -8,8 +8,8 @@ import numpy as np
 from av_common.frames import is_orientation
 from av_sim_bridge.wire.error import WireError, check_magic, check_number, check_time, unpack
 
-MAGIC = 1234567951
-VERSION = 1
+MAGIC = 1234567951  # own
+VERSION = 1  # of the layout
 _LAYOUT = struct.Struct('<3i1d5f')
 MOST_VARIANCE = 10.0    # rad^2, more than that of an unknown direction
 

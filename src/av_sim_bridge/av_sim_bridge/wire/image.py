@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 from av_sim_bridge.wire.error import WireError, check_time
 
-OLD_MAGIC = 1234567890
-NEW_MAGIC = 1234567893
-MOST_PAYLOAD = 60_000
-MOST_FRAGMENTS = 256
+OLD_MAGIC = 1234567890  # RFlySim's
+NEW_MAGIC = 1234567893  # RFlySim's
+MOST_PAYLOAD = 60_000  # bytes, RFlySim's
+MOST_FRAGMENTS = 256  # of an image: 15 MB
 _OLD = struct.Struct('<4i1d')   # magic, packet length with header, sequence, packet count, time
 _NEW = struct.Struct('<6i1d')   # magic, packet length with header, sequence, packet count, frame id, reserved, time
 

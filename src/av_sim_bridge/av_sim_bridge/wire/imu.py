@@ -15,7 +15,7 @@ from av_sim_bridge.wire.error import (
     unpack,
 )
 
-MAGIC = 1234567898
+MAGIC = 1234567898  # RFlySim's
 _LAYOUT = struct.Struct('<2i1d6f')
 
 

@@ -7,7 +7,7 @@ from av_sim_bridge.wire.error import MOST_PIXEL, WireError, check_within
 
 _COUNT = struct.Struct('<i')
 _BOX = struct.Struct('<i5f')
-MOST_BOXES = 1000
+MOST_BOXES = 1000  # of an image: a page of JSON, not a flood
 
 
 @dataclass(frozen=True)

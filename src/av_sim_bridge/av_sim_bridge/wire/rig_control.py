@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from av_sim_bridge.wire.error import WireError, check_magic, check_number, check_within, unpack
 
-MAGIC = 1234567950
-VERSION = 1
+MAGIC = 1234567950  # own
+VERSION = 1  # of the layout
 _LAYOUT = struct.Struct('<5i3f')
 _MOVE_BODY, _MOVE_GIMBAL = 1, 2
 MOST_YAW_RATE, MOST_ANGLE = 100.0, 100.0    # rad/s, rad

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from av_sim_bridge.wire.error import LATEST_S, WireError, check_magic, check_number, unpack
 
-MAGIC = 123456789
+MAGIC = 123456789  # RFlySim's
 _LAYOUT = struct.Struct('<2i3q')
 
 

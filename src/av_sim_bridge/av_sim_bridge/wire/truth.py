@@ -21,11 +21,11 @@ from av_sim_bridge.wire.error import (
     unpack,
 )
 
-LONG_MAGIC = 123456789
-SHORT_MAGIC = 1234567891
+LONG_MAGIC = 123456789  # RFlySim's
+SHORT_MAGIC = 1234567891  # RFlySim's
 _LONG = struct.Struct('<4i24f7d')
 _SHORT = struct.Struct('<6i14f4d')
-_MOTORS = 8
+_MOTORS = 8  # speeds in RFlySim's states
 _MOST_GPS = 1e10    # not used, in whatever unit
 _LIMITS = {'position_ned': FARTHEST_M, 'velocity_ned': FASTEST_M_S, 'euler_rad': MOST_ANGLE_RAD,
            'motor_rpm': MOST_RPM, 'acceleration_frd': MOST_ACCELERATION_M_S2, 'rate_frd': MOST_RATE_RAD_S, 'gps': _MOST_GPS}
