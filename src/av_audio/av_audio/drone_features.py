@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
@@ -127,7 +128,7 @@ class DroneFeatures:
         power, total = segment.power[frames].mean(axis=0), segment.total[frames].mean(axis=0)
         level = np.log(np.maximum(power, LEAST_SHARE * total) + 1e-20)
         coarse = median_filter(level[::4], self._floor_bins // 4, mode='nearest')
-        floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
+        floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse).astype(level.dtype)
         return np.clip(level - floor, 0.0, LARGEST_PROMINENCE)
 
     def _on_log_axis(self, prominence: NDArray) -> NDArray:
@@ -147,10 +148,9 @@ class DroneFeatures:
         apart = np.abs(np.arange(len(scores)) - best)
         other = float(np.max(scores[apart > 2 * NEIGHBOURS[-1]]))
         before, after = self._on_log_axis(first), self._on_log_axis(second)
-        shifted = [_correlation(before[SHIFTS:-SHIFTS], after[SHIFTS + s:len(after) - SHIFTS + s])
-                   for s in range(-SHIFTS, SHIFTS + 1)]
+        shifted = _correlations(before[SHIFTS:-SHIFTS], after)
         return np.concatenate([[scores[best], combs[best], np.log(self._fundamentals[best]), other], harmonics, around,
-                               [max(shifted), shifted[SHIFTS], float(np.argmax(shifted) - SHIFTS)]])
+                               [shifted.max(), shifted[SHIFTS], float(np.argmax(shifted) - SHIFTS)]])
 
     def _line_features(self, prominence: NDArray) -> NDArray:
         parts = np.split(prominence, self._line_bands[1:-1])
@@ -164,9 +164,11 @@ class DroneFeatures:
         return np.maximum.reduceat(correlation[:self._lags[-1]], self._lags[:-1])
 
 
-def _correlation(first: NDArray, second: NDArray) -> float:
-    first, second = first - first.mean(), second - second.mean()
-    return float(first @ second / max(np.sqrt((first @ first) * (second @ second)), 1e-9))
+def _correlations(part: NDArray, whole: NDArray) -> NDArray:
+    """Correlation coefficients (w - n + 1,) of values (n,) with all parts of others (w,)."""
+    parts = sliding_window_view(whole, len(part))
+    parts, part = parts - parts.mean(axis=1, keepdims=True), part - part.mean()
+    return parts @ part / np.maximum(np.sqrt(np.sum(parts**2, axis=1) * (part @ part)), 1e-9)
 
 
 def _combs(fundamentals: int, count: int) -> tuple[NDArray, NDArray]:
