@@ -149,6 +149,8 @@ class ChannelHealth:
         """What neighbouring channels of a window (n, m) say about each other, and the kinds of faults that it can tell."""
         spectra = fft.rfft(sound * np.hanning(len(sound))[:, None], axis=0).T
         frequencies = fft.rfftfreq(len(sound), 1.0 / self._rate)
+        octaves = slice(0, int(np.searchsorted(frequencies, 2.0 * OCTAVES_HZ[-1])))
+        powers, turns = np.abs(spectra[:, octaves]) ** 2, 2.0 * np.pi * frequencies[octaves]
         signs, peaks, late, ratios, deaf = [], [], [], [], []
         for (i, j), permitted in zip(self._pairs, self._permitted, strict=True):
             cross = spectra[i] * spectra[j].conj()
@@ -161,8 +163,8 @@ class ChannelHealth:
             signs.append((1, -1, 0)[best] if clear else 0)
             delay = float(lags[np.argmax(np.where(inside == (best < 2), np.abs(curve), 0.0))])
             late.append(delay if clear and best == 2 else 0.0)
-            turned = cross * np.exp(2j * np.pi * frequencies * delay)
-            ratio, is_deaf = _ratio(turned, np.abs(spectra[i]) ** 2, np.abs(spectra[j]) ** 2, frequencies)
+            turned = cross[octaves] * np.exp(1j * turns * delay)
+            ratio, is_deaf = _ratio(turned, powers[i], powers[j], frequencies[octaves])
             ratios.append(ratio)
             deaf.append(is_deaf)
         found, kinds = self._levels(ratios, deaf)
