@@ -201,7 +201,8 @@ class BandSearch:
 
     def _steered(self, points: NDArray, vectors: NDArray, stretch: NDArray | float = 1.0) -> NDArray:
         """Steering vectors (b, m, g) of points (g, rank) by the components that `vectors` (b, m, m) are."""
-        return (vectors.conj().swapaxes(-1, -2) @ np.exp(1j * (stretch * self._phase @ points.T))).astype(np.complex64)
+        angles = (stretch * self._phase @ points.T).astype(np.float32)
+        return (vectors.conj().swapaxes(-1, -2) @ (np.cos(angles) + 1j * np.sin(angles))).astype(np.complex64)
 
     def _values(self, window: _Window, steering: NDArray) -> NDArray:
         white = window.gains[..., None] * steering

@@ -84,7 +84,7 @@ class SourceSpectra:
         steering = np.cos(angles) + 1j * np.sin(angles)  # an exponential of complex numbers takes ten times as long
         if self._ego_noise is not None:
             whitener = self._ego_noise.whitener(covariance(self._by_band(spectra))).astype(np.complex64)[self._bands]
-            spectra, steering = (np.einsum('kij,ajk->aik', whitener, part) for part in (spectra, steering))
+            spectra, steering = ((whitener @ part.T).T for part in (spectra, steering))
         gain = np.sum(np.abs(steering) ** 2, axis=1)  # (s, k)
         total = np.sum(np.abs(spectra) ** 2, axis=1) / gain[:, None]  # (s, t, k)
         beams = np.stack([np.abs(np.sum(spectra * one.conj(), axis=1)) ** 2 for one in steering])
