@@ -231,13 +231,13 @@ class BandSearch:
             step *= 0.5
         axes = _tangent(q)
         slopes, curvature = _derivatives(_gain(self._at(window, _stencil(q, axes, step)), explained), len(axes), step)
-        if not is_positive(curvature):
+        rise = _rise(values)[:, best]
+        significance = _significance(rise)
+        if significance <= 0.0 or not is_positive(curvature):  # of a flat sum the curvature is that of rounding errors
             unknown = np.full((len(q), len(q)), np.inf)
             return Peak(q, unknown, np.zeros_like(unknown), 0.0, 0.0)
         q = _on_sphere((q + np.clip(np.linalg.solve(curvature, slopes.sum(axis=1)), -step, step) @ axes)[None])[0]
         inverse = np.linalg.inv(curvature)
-        rise = _rise(values)[:, best]
-        significance = _significance(rise)
         gradients = np.add.reduceat(slopes, np.arange(0, self._count, round(CLUSTER_HZ / BAND_HZ)), axis=1)
         spread = inverse @ (gradients @ gradients.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         scale = len(axes) / max(float(np.trace(spread @ curvature)), TINY)
