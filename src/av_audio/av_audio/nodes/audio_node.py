@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,6 +22,7 @@ from av_interfaces.msg import AudioFrame
 
 BLOCK = 1600  # samples of a message: 33 ms at 48 kHz, a third of the usual hop
 BUFFER_BYTES, SAMPLE_BYTES = 200_000, 4  # of the buffer between the capturing thread and the node, at least two blocks
+LARGEST_LUMP_S = 0.05  # half of the time between two corrections of `SenderClock`
 
 
 class AudioNode(RigNode):
@@ -47,7 +49,7 @@ class AudioNode(RigNode):
     def _new_stream(self) -> None:
         self._buffer = RingBuffer(self._source.channels, max(BUFFER_BYTES, 2 * SAMPLE_BYTES * BLOCK * self._source.channels))
         self._playback = Playback(self.get_name())
-        self._started = False
+        self._started, self._stamped = False, -math.inf
 
     def _open(self, settings: Any) -> FileSource | DeviceSource:
         channels = _channels(settings)
@@ -86,7 +88,10 @@ class AudioNode(RigNode):
             self._start_file(self._source)
         while self._buffer.available >= BLOCK or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(BLOCK)
-            header = Header(stamp=to_stamp(self._source.time_of(first_sample)), frame_id=self._frame_id)
+            time = self._source.time_of(first_sample)
+            # The clock corrects itself in lumps of up to 50 ms, by which no stamp goes back; a clock that was set does.
+            self._stamped = self._stamped if 0.0 < self._stamped - time < LARGEST_LUMP_S else time
+            header = Header(stamp=to_stamp(self._stamped), frame_id=self._frame_id)
             self._publisher.publish(audio_frame(samples, first_sample, self._source.sample_rate, header))
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
