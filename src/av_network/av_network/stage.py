@@ -50,9 +50,8 @@ class RigPlace:
 
 @dataclass
 class RigStatistics:
-    """What came from a rig: numbers of reports and bytes, and the newest capture time (s) by its clock."""
+    """What came from a rig: bytes, newest capture time (s) by its clock, and reports before its place was known."""
 
-    reports: int = 0
     size: int = 0
     newest: float = -math.inf
     unplaced: int = 0
@@ -109,7 +108,7 @@ class NetworkStage:
         """
         check_version(rig, message.version)
         statistics, place = self.statistics[rig], self._places[rig]
-        statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
+        statistics.size += size
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
         check_age(rig, arrival - self.tracker.corrected_time(index, stamp),
