@@ -129,8 +129,8 @@ def test_a_missing_provider_and_wrong_settings_are_named(tmp_path):
         Detector(path, DetectorSettings(providers=('CUDAExecutionProvider',)))
     with pytest.raises(ModelError, match='CUDAExecutoinProvider, which is none .* nearest is CUDAExecutionProvider'):
         Detector(path, DetectorSettings(providers=('CUDAExecutoinProvider', 'CPUExecutionProvider')))
-    with pytest.raises(ValueError, match='nms_iou is 2'):
-        DetectorSettings(nms_iou=2.0)
+    with pytest.raises(ValueError, match='score_threshold is 2'):
+        DetectorSettings(score_threshold=2.0)
     with pytest.raises(ModelError, match='layout'):
         Detector(path, DetectorSettings(layout='v99'))
 

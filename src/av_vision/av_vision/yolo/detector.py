@@ -17,6 +17,8 @@ from av_vision.yolo.rows import LayoutError, check_scores
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well
+OVERLAP = 0.2  # share of a tile that is common with its neighbour
+MOST_DETECTIONS = 50  # in an image, by falling score
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,6 @@ class DetectorSettings:
 
     Parameters:
         score_threshold (0-1): least score of a detection; 0 uses `score_threshold` of the model's metadata, or 0.25.
-        nms_iou (0-1): largest intersection over union of two boxes; otherwise the box of lower score is removed.
-        nms_nested (0-1): largest share of the smaller of two boxes inside the other; otherwise that of lower score is removed.
-        max_detections: largest number of detections in an image, by falling score.
         keep: names of the detections to report, after renaming; empty for all.
         rename: new names of classes of the model.
         layout: layout of the model's output, one of `LAYOUTS`; auto recognises it.
@@ -37,13 +36,9 @@ class DetectorSettings:
         threads: number of threads for one image; 0 uses the default of onnxruntime.
         slice_size (pixels): side of overlapping tiles that are searched besides the whole image, enlarged to the model's
             input, for small far targets; 0 for none.
-        slice_overlap (0-1): least share of a tile that is common with its neighbour.
     """
 
     score_threshold: float = 0.0
-    nms_iou: float = NMS_IOU
-    nms_nested: float = NMS_NESTED
-    max_detections: int = 50
     keep: tuple[str, ...] = ()
     rename: dict[str, str] = field(default_factory=dict)
     layout: str = 'auto'
@@ -52,16 +47,12 @@ class DetectorSettings:
     providers: tuple[str, ...] = ('CPUExecutionProvider',)
     threads: int = 0
     slice_size: int = 0
-    slice_overlap: float = 0.2
 
     def __post_init__(self) -> None:
-        for name, low, high in (('score_threshold', 0.0, 1.0), ('nms_iou', 0.0, 1.0), ('nms_nested', 0.0, 1.0),
-                                ('slice_overlap', 0.0, 0.9)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
-        for name in ('max_detections', 'slice_size'):
-            if getattr(self, name) < (1 if name == 'max_detections' else 0):
-                raise ValueError(f'{name} is {getattr(self, name)}, expected a positive number')
+        if not 0.0 <= self.score_threshold <= 1.0:
+            raise ValueError(f'score_threshold is {self.score_threshold}, expected 0 to 1')
+        if self.slice_size < 0:
+            raise ValueError(f'slice_size is {self.slice_size}, expected a positive number')
 
 
 class Detector:
@@ -118,7 +109,7 @@ class Detector:
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         # Exports without duplicates of their own may have one object as two classes.
-        selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
+        selected = suppress(boxes, candidates.scores, NMS_IOU, NMS_NESTED)
         return Candidates(candidates.boxes[selected], probabilities[selected])
 
     def select(self, candidates: Candidates, threshold: float = 0.0) -> tuple[Detections, NDArray[np.intp]]:
@@ -128,7 +119,7 @@ class Detector:
         scores, classes = candidates.scores, candidates.probabilities.argmax(axis=1)
         order = np.argsort(-scores, kind='stable')
         reported = (scores[order] > (threshold or self.threshold)) & self.kept[classes[order]]
-        selected = order[reported][:self.settings.max_detections]
+        selected = order[reported][:MOST_DETECTIONS]
         return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
                           tuple(self._names[i] for i in classes[selected])), selected
 
@@ -145,7 +136,7 @@ class Detector:
         height, width = image.shape[:2]
         found = [self._infer(image, region, floor) for region in regions]
         side, model = self.settings.slice_size, self.model
-        corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
+        corners = tile_corners(width, height, side, OVERLAP) if side else []
         if corners:
             tiles = [Region('tile', x, y, side, side, max(side, model.longest)) for x, y in corners]
             size = self._input_size(side, side, tiles[0].longest)
