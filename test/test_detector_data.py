@@ -127,10 +127,13 @@ def test_motion_is_fitted_as_two_normal_distributions_demand():
     rng, count = np.random.default_rng(0), 4000
     mean, spread = {'DRONE': 0.6, 'AIRPLANE': -1.0, 'HELICOPTER': -1.0, 'BIRD': 0.0}, 0.9
     kinds = np.repeat(list(mean), [count, 2 * count, count // 2, count])  # each class counts alike, birds do not
-    accelerations = np.exp([mean[kind] for kind in kinds] + spread * rng.normal(size=len(kinds))) - FAINT
-    model = fit(kinds, np.ones(len(kinds)), accelerations, 0.3)
+    accelerations = np.abs(np.exp([mean[kind] for kind in kinds] + spread * rng.normal(size=len(kinds))) - FAINT)
+    sizes = np.where(np.arange(len(kinds)) % 2, 5.0, 20.0)  # pixels; the bends of small drones are a log-normal, too
+    model = fit(kinds, np.ones(len(kinds)), accelerations, sizes)
     assert model.gain == pytest.approx(1.6 / spread**2, rel=0.05)  # difference of the means over the variance
     assert np.log(model.neutral + FAINT) == pytest.approx(-0.2, abs=0.05)  # half way between them
+    bends = 5.0 * accelerations[(kinds == 'DRONE') & (sizes < 8.0)]
+    assert model.bend == pytest.approx(float(np.median(bends)), rel=0.01)
 
 
 def test_paths_of_labels_have_the_motion_that_was_written(tmp_path):
@@ -146,8 +149,8 @@ def test_paths_of_labels_have_the_motion_that_was_written(tmp_path):
     (tmp_path / f'labels/V_AIRPLANE_{number:03d}.csv').write_text('\n'.join(rows))
     found = list(paths(tmp_path, 'train'))
     assert len(found) >= 3
-    for kind, speed, acceleration in found:
-        assert kind == 'AIRPLANE'
+    for kind, speed, acceleration, pixels in found:
+        assert kind == 'AIRPLANE' and pixels == pytest.approx(size)
         assert speed >= 60.0 / size
         assert acceleration == pytest.approx(15.0 / size, rel=1e-3)
 

@@ -74,7 +74,7 @@ def fit(kinds: NDArray, speeds: NDArray, accelerations: NDArray, sizes: NDArray,
     model = MotionModel(round(float(gain), 3), round(float(np.exp(neutral) - FAINT), 3), least_speed)
     if camera == 'IR':
         return model
-    bends = np.log(small)
+    bends = np.log(small[small > 0.0])
     return replace(model, speck=SPECK, bend=round(float(np.exp(np.median(bends))), 2), bends=round(float(bends.std()), 2),
                    rests=round(DECIDED, 2))
 

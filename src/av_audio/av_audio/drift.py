@@ -209,7 +209,7 @@ class DriftEstimator:
 
 def square_speed(q: NDArray, rate: NDArray) -> float:
     """Square of the angular speed in rad^2/s^2 on the great circle on which q (rank,) moves at a rate (rank,) in 1/s."""
-    unseen = float(q @ rate) ** 2 / max(1.0 - float(q @ q), TINY)
+    unseen = float(q @ rate) ** 2 / max(1.0 - float(q @ q), TINY) if len(q) < 3 else 0.0  # arrays in space see all of it
     return min(float(rate @ rate) + unseen, HIGHEST_RATE**2)
 
 
