@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import psutil
@@ -147,10 +148,19 @@ class TestCommands:
         with subprocess.Popen(['bash', '-c', script], cwd=PROJECT, stdout=subprocess.PIPE, text=True,
                               start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as run:
             next(line for line in run.stdout if 'process started' in line)
-            processes = [psutil.Process(run.pid), *psutil.Process(run.pid).children(recursive=True)]
-            assert any('1000' in process.cmdline() for process in processes)
+            processes = self.wait_for(run.pid, '1000')
             os.killpg(run.pid, sign) if sign == signal.SIGINT else run.send_signal(sign)
             assert not psutil.wait_procs(processes, timeout=30)[1]
+
+    @staticmethod
+    def wait_for(pid, argument):
+        """A process and its children, once one has an argument: a new one has its parent's until it begins its program."""
+        parent, end = psutil.Process(pid), time.monotonic() + 60.0
+        while True:
+            processes = [parent, *parent.children(recursive=True)]
+            if any(argument in process.cmdline() for process in processes) or time.monotonic() > end:
+                return processes
+            time.sleep(0.05)
 
     @staticmethod
     def launch_file(folder):
