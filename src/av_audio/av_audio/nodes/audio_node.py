@@ -14,6 +14,7 @@ from av_audio.file_source import FileSource, pick_channels
 from av_audio.messages import audio_frame
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
+from av_common.clock import CHASE, STEP_S
 from av_common.node import RigNode, run
 from av_common.playback import Playback
 from av_common.qos import STREAM
@@ -22,7 +23,7 @@ from av_interfaces.msg import AudioFrame
 
 BLOCK = 1600  # samples of a message: 33 ms at 48 kHz, a third of the usual hop
 BUFFER_BYTES, SAMPLE_BYTES = 200_000, 4  # of the buffer between the capturing thread and the node, at least two blocks
-LARGEST_LUMP_S = 0.05  # half of the time between two corrections of `SenderClock`
+LARGEST_LUMP_S = CHASE * STEP_S  # by which `SenderClock` corrects itself at once
 
 
 class AudioNode(RigNode):
@@ -89,7 +90,7 @@ class AudioNode(RigNode):
         while self._buffer.available >= BLOCK or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(BLOCK)
             time = self._source.time_of(first_sample)
-            # The clock corrects itself in lumps of up to 50 ms, by which no stamp goes back; a clock that was set does.
+            # By a correction of the clock no stamp goes back; by a clock that was set it does.
             self._stamped = self._stamped if 0.0 < self._stamped - time < LARGEST_LUMP_S else time
             header = Header(stamp=to_stamp(self._stamped), frame_id=self._frame_id)
             self._publisher.publish(audio_frame(samples, first_sample, self._source.sample_rate, header))
