@@ -133,16 +133,8 @@ def _separated(powers: NDArray, steering: NDArray, gain: NDArray) -> NDArray:
     """
     count, microphones, _ = steering.shape
     beams = np.abs(np.sum(steering.conj()[:, None] * steering, axis=2)) ** 2
-    gram = _power(beams, gain / gain[:, None], gain[:, None], microphones)
-    gram[np.diag_indices(count)] += LOADING
-    powers = powers.copy()
-    for k in range(count):  # Gauss and Jordan's elimination in all bins at once; gram is positive definite and needs no pivots
-        powers[k] /= gram[k, k]
-        gram[k] /= gram[k, k].copy()
-        for j in set(range(count)) - {k}:
-            powers[j] -= gram[j, k] * powers[k]
-            gram[j] -= gram[j, k].copy() * gram[k]
-    return powers
+    gram = _power(beams, gain / gain[:, None], gain[:, None], microphones).transpose(2, 0, 1)
+    return np.linalg.solve(gram + LOADING * np.eye(count), powers.transpose(2, 0, 1)).transpose(1, 2, 0)
 
 
 def _bridged(values: NDArray, free: NDArray) -> NDArray:
