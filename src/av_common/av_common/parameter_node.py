@@ -17,6 +17,7 @@ __all__ = ('WHEN_CONFIGURED', 'ParameterNode')
 
 # What additional_constraints of a parameter say that has no effect at run time.
 WHEN_CONFIGURED = 'takes effect when the node is configured'
+LONGEST_TEXT, LONGEST_LIST = 4096, 1024  # characters of a text (the longest path), elements of a list
 
 
 class ParameterError(ValueError):
@@ -24,15 +25,22 @@ class ParameterError(ValueError):
 
 
 def check_value(name: str, value: Any) -> None:
-    """Raise ParameterError for numbers that are not finite, also in lists.
+    """Raise ParameterError for numbers that are not finite, and for texts and lists without measure.
 
     Parameters:
         name: the parameter.
         value: its value; of any type that parameters have.
     """
-    for number in value if hasattr(value, '__len__') else [value]:
-        if isinstance(number, float) and not math.isfinite(number):
-            raise ParameterError(f'{name} is {number}, expected a finite number')
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ParameterError(f'{name} is {value}, expected a finite number')
+    if isinstance(value, str):
+        if len(value) > LONGEST_TEXT:
+            raise ParameterError(f'{name} has {len(value)} characters, expected at most {LONGEST_TEXT}')
+    elif hasattr(value, '__len__'):
+        if len(value) > LONGEST_LIST:
+            raise ParameterError(f'{name} has {len(value)} elements, expected at most {LONGEST_LIST}')
+        for element in value:
+            check_value(name, element)
 
 
 def check_together(check: Callable[[Any], None], settings: Any) -> None:
