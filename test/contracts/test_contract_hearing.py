@@ -101,6 +101,22 @@ def test_two_sources_have_two_directions(contract, array, azimuths, least):
     contract(at_least('found', float(np.mean(found)), least))
 
 
+@pytest.mark.parametrize('fault', ['inverted', 'dead', 'a copy'])
+def test_a_channel_at_fault_costs_only_itself(contract, fault):
+    """Channel 1 of a square, or of a pair: within 2 s the others go on without it, and one alone has no direction."""
+    passing, errors = [], []
+    for microphones, azimuth in ((SQUARE, -110.0), (PAIR, -35.0)):
+        rng = np.random.default_rng(15)
+        sound = with_noise(rng, heard(rotors(rng, 6 * RATE + 2 * MARGIN), microphones, unit(azimuth)), 10.0)
+        sound[:, 1] = {'inverted': -sound[:, 1], 'dead': 0.0 * sound[:, 1], 'a copy': sound[:, 0]}[fault]
+        messages = directions_of(hearing(microphones, hop=0.25), sound)
+        late = [strongest(message, azimuth) for message in messages if to_seconds(message.header.stamp) > START + 2.5]
+        passing.append(float(np.mean([confidence > PASSES for _, _, confidence in late])))
+        errors.append([error for error, _, _ in late])
+    contract(at_most('error, RMS', rms(errors[0]), 0.1 * LOBE_DEG, 'deg'), at_least('passing', passing[0], 0.95),
+             at_most('passing of a pair', passing[1], 0.0))
+
+
 def test_a_gap_is_not_bridged():
     """0.7 s of frames are lost: stamps stay those of the capture, and no window is made of both sides."""
     rng = np.random.default_rng(6)

@@ -106,6 +106,12 @@ class ChannelHealth:
         """What is wrong, by the windows until now."""
         return [ChannelFault(text, _mend(kind, channels), kind in SEVERE) for (kind, channels), text in self._told.items()]
 
+    @property
+    def usable(self) -> list[int]:
+        """Channels without a severe fault: of the others, samples and positions do not belong together."""
+        wrong = {k for kind, channels in self._told if kind in SEVERE for k in channels}
+        return [k for k in range(self._channels) if k not in wrong]
+
     def _judge(self, window: NDArray) -> None:
         if not np.isfinite(window).all():
             return

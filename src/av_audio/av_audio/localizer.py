@@ -116,6 +116,11 @@ class DoaEstimate:
         return (self, *self.further)
 
 
+def distrusted(estimate: DoaEstimate) -> DoaEstimate:
+    """An estimate without confidence: by channels that are known to be at fault."""
+    return replace(estimate, confidence=np.zeros(len(estimate.confidence)), further=tuple(map(distrusted, estimate.further)))
+
+
 class Localizer:
     """Cuts a stream into overlapping windows and estimates the direction of arrival in each.
 

@@ -14,7 +14,7 @@ from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import SAMPLE_RATES
 from av_audio.health import ChannelFault, ChannelHealth
-from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings, distrusted
 from av_audio.messages import doa_array, samples_of
 from av_audio.wind import WindMeter
 from av_common.acoustics import speed_of_sound
@@ -49,6 +49,9 @@ class DoaStage:
         self._blade_pass_hz = np.zeros(0)
         self._drone_model = drone_model
         self._localizer: Localizer | None = None
+        self._usable: list[int] = []  # channels without severe faults
+        self.used: list[int] = []  # channels from which directions are estimated
+        self._part = array  # of these
         self._classifier: DroneClassifier | None = None
         self._wind: WindMeter | None = None
         self._health: ChannelHealth | None = None
@@ -93,6 +96,8 @@ class DoaStage:
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
+        if self._health is not None:
+            self._health.clear()
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
         """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
@@ -124,7 +129,7 @@ class DoaStage:
             judged = self._judge(estimate)
             self.judgement = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
-            messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
+            messages.append(doa_array(estimate, self._part, stamp, frame.header.frame_id, self._settings.window_s,
                                       self._settings.method, judged))
         return messages
 
@@ -144,22 +149,41 @@ class DoaStage:
         if len(frame.samples) > longest:
             raise ValueError(f'{len(frame.samples)} samples in a frame, expected at most {longest} ({LONGEST_FRAME_S:g} s)')
         samples = samples_of(frame)
-        self.sample_rate = float(frame.sample_rate)
-        if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
-            self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
-            self._classifier, self._wind = None, WindMeter(self._array, frame.sample_rate)
-            self._health = ChannelHealth(self._array.channels, frame.sample_rate, self._array)
-            if self._drone_model is not None:
-                self._classifier = DroneClassifier(self._array, frame.sample_rate, speed_of_sound(self._settings.temperature_c),
-                                                   self._drone_model, self._ego_noise)
-        self._localizer.blade_pass_hz = self._blade_pass_hz
-        before, without = self._localizer.restarts, self._localizer.without_phases
-        estimates = self._localizer.process(samples, frame.first_sample)
-        restarts = self._localizer.restarts - before
-        self.without_phases += self._localizer.without_phases - without
+        localizer = self._prepare(frame.sample_rate)
+        localizer.blade_pass_hz = self._blade_pass_hz
+        before, without = localizer.restarts, localizer.without_phases
+        estimates = localizer.process(samples[:, self.used], frame.first_sample)
+        restarts = localizer.restarts - before
+        self.without_phases += localizer.without_phases - without
         self.restarts += restarts
         self._listen(samples, restarts > 0)
-        return estimates
+        return estimates if self.used == self._usable else [distrusted(one) for one in estimates]
+
+    def _prepare(self, rate: int) -> Localizer:
+        """The localizer of a sample rate in Hz and of the channels that are all right; a new one begins a new window."""
+        if self._health is None or self.sample_rate != rate:
+            self._wind, self._health = WindMeter(self._array, rate), ChannelHealth(self._array.channels, rate, self._array)
+            self._localizer = None
+        usable = self._health.usable
+        if self._localizer is None or usable != self._usable:
+            self._localizer, self._usable = self._localizer_of(usable, rate), usable
+        self.sample_rate = float(rate)
+        return self._localizer
+
+    def _localizer_of(self, usable: list[int], rate: int) -> Localizer:
+        """A localizer of channels, or of all where these measure no direction; and the classifier that belongs to it."""
+        try:
+            self._part, self.used = self._array.part(usable), usable
+        except ValueError:
+            self._part, self.used = self._array, list(range(self._array.channels))
+        ego_noise, self._classifier = self._ego_noise, None
+        if ego_noise is not None and self._part is not self._array:
+            ego_noise = ego_noise._replace(samples=ego_noise.samples[:, usable])
+        localizer = Localizer(self._part, rate, self._settings, ego_noise)
+        if self._drone_model is not None:
+            self._classifier = DroneClassifier(self._part, rate, speed_of_sound(self._settings.temperature_c),
+                                               self._drone_model, ego_noise)
+        return localizer
 
     def _listen(self, samples: NDArray, begins: bool) -> None:
         """Take samples (n, m), which may begin anew, for what is judged beside directions."""
@@ -173,7 +197,7 @@ class DoaStage:
             self._wind.add(samples)
             self._health.update(samples)
             if self._classifier is not None:
-                self._classifier.add(samples)
+                self._classifier.add(samples[:, self.used])
 
 
 def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:

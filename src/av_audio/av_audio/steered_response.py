@@ -165,7 +165,7 @@ class SteeredResponse:
         outside = np.abs(self.grid - q).max(axis=1) > lobe
         cell = (2.0 * MARGIN) ** rank / len(self.grid)
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
-        main = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
+        main = math.sqrt((2.0 * np.pi) ** rank * max(float(np.linalg.det(covariance)), 0.0))
         return main / (main + others) if main > 0.0 else 1.0
 
 

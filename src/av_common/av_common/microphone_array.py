@@ -107,6 +107,10 @@ class MicrophoneArray:
         if self.delay_curve is not None and len(positions) != 2:
             raise ValueError(f'delay_curve: belongs to two microphones, not to {len(positions)}')
 
+    def part(self, channels: Sequence[int]) -> MicrophoneArray:
+        """The array of some of the channels, in rising order. Raises ValueError where these measure no azimuth."""
+        return self if len(channels) == self.channels else MicrophoneArray(self.positions[list(channels)], self.name)
+
     @classmethod
     def load(cls, path: str | Path) -> MicrophoneArray:
         """Read an array file. Raises OSError, or ValueError with the name of the file and the reason."""

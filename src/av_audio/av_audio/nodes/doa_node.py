@@ -90,6 +90,7 @@ class DoaNode(RigNode):
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS; of the channels ' +
                        ', '.join(f'{level:.1f}' for level in self._stage.levels_dbfs))
+            status.add('channels used', ', '.join(map(str, self._stage.used)))
             status.add('sources', str(len(latest.sources)))
             status.add('wind', f'{self._stage.wind_dbfs:.0f} dBFS' if math.isfinite(self._stage.wind_dbfs) else 'none')
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
