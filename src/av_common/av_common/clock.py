@@ -49,6 +49,27 @@ class ElapsedTime:
         return self.now
 
 
+class Order:
+    """Keeps dates in the order of their stamps, whatever an offset does: a later stamp is never dated earlier."""
+
+    def __init__(self) -> None:
+        self._stamp = self._date = -math.inf    # newest stamp, and its date
+
+    def kept(self, stamp: float, date: float, arrival: float, least: float) -> float:
+        """The date (s) nearest to `date` that keeps the order; it is not later than the arrival, which has the last word.
+
+        Parameters:
+            stamp, date, arrival (s): see `SenderClock.date`.
+            least (s/s): dates advance by at least this share of the time between stamps, so that rates hardly differ.
+        """
+        if stamp < self._stamp:
+            return min(date, self._date)
+        if self._stamp > -math.inf:
+            date = max(date, self._date + least * (stamp - self._stamp))
+        self._stamp, self._date = stamp, min(date, arrival)
+        return self._date
+
+
 class _Offset:
     """Arrivals whose stamps share one offset: the hypothesis of a clock.
 
@@ -101,6 +122,14 @@ class _Offset:
         middle = self._samples[-1][0] - self.span / 2.0
         return abs(self.quantile(1, end=middle) - self.quantile(1, begin=middle)) <= AGREEMENT_ERROR_S
 
+    @property
+    def grows(self) -> bool:
+        """Whether the offset grows evenly over AGREEMENT_S, by what can be followed: a simulation slower than time."""
+        begin, third = self._samples[0][0], self.span / 3.0
+        first, second, last = (self.quantile(1, begin + k * third, begin + (k + 1.001) * third) for k in range(3))
+        return (self.span >= 0.9 * AGREEMENT_S and 0.0 < last - first <= 2.0 * third * CHASE
+                and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S)
+
 
 class SenderClock:
     """The offset between ROS time and the clock of one stream of one sender.
@@ -109,14 +138,15 @@ class SenderClock:
     of the last second with a bounded slew. Other stamps are refused, and form candidates for a new offset. A candidate
     takes over, as a restart, once its stamps have agreed for AGREEMENT_S and clearly outnumber those of the present offset.
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
-    back. No stamp is dated later than its arrival.
+    back. No stamp is dated later than its arrival, and none before an older one, but where the offset was replaced.
 
     A sender that was late for a while is on time again by its least offset before. One that was late while its first stamps
     agreed seems to jump ahead then. Where nobody else can send at its address, `early` makes that no restart: the arrivals
     prove an offset that is less.
 
     Until the first stamps have agreed for AGREEMENT_S the offset is provisional: the least one of them, which may be
-    LATEST_S less than the first. A first stamp that is wrong is thus replaced as soon as the others have agreed.
+    LATEST_S less than the first. A first stamp that is wrong is thus replaced as soon as the others have agreed. The first
+    stamps also agree where they show a constant rate, from half of real time on.
 
     Parameters:
         drift (s/s): slew of the offset in normal operation.
@@ -132,7 +162,7 @@ class SenderClock:
         self.refused = self.restarts = 0
         self.settled = False
         self._drift, self._early = drift, early
-        self._time = ElapsedTime()
+        self._time, self._order = ElapsedTime(), Order()
         self._accepted: _Offset | None = None
         self._candidates: list[_Offset] = []
         self._offset = self._floor = self._low = math.nan
@@ -168,7 +198,9 @@ class SenderClock:
             return None
         if stamp > self._newest:
             self._newest, self._renewed = stamp, now
-        return max(min(stamp + self._offset, arrival), 0.0)
+        # Before stamps have agreed, those of a first one that was late may all have its date.
+        least = 1.0 - CHASE if self.settled else 0.0
+        return max(self._order.kept(stamp, stamp + self._offset, arrival, least), 0.0)
 
     def _fits(self, accepted: _Offset, stamp: float, offset: float, now: float) -> bool:
         lag = offset - self._offset
@@ -186,7 +218,7 @@ class SenderClock:
         accepted.add(now, offset)
         if not self.settled:
             self._offset = self._floor = self._earliest = self._low = min(self._offset, offset)
-            self.settled = accepted.agrees
+            self.settled = accepted.agrees or accepted.grows
         elapsed = now - self._corrected
         if elapsed < STEP_S or not self.settled:
             return
@@ -212,7 +244,7 @@ class SenderClock:
                 return False
             self.restarts += self.settled
             self.settled = True
-        self._accepted, self._candidates = candidate, []
+        self._accepted, self._candidates, self._order = candidate, [], Order()
         self._offset = self._floor = self._earliest = self._low = candidate.settle()
         self._newest, self._corrected = -math.inf, now
         return True

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -295,6 +296,26 @@ def test_a_sender_that_was_late_for_minutes_is_not_early_when_it_is_on_time_agai
     clock = date(sent)
     assert share(sent, begin=1.1) == 1.0 and clock.restarts == 0
     assert most_error([one for one in sent if one.true > 20.0 + seconds]) < MOST_ERROR and clock.lateness < MOST_ERROR
+
+
+@pytest.mark.parametrize('rate', [20.0, 100.0, 400.0])
+@pytest.mark.parametrize('seed', range(4))
+def test_later_stamps_are_never_dated_earlier(rate, seed):
+    """In spite of jitter, drift, a late first stamp, lateness that ends at once, and a burst. Arrivals have the last word."""
+    rng = np.random.default_rng(seed)
+    sent = stream(rng, seconds=16.0, rate=rate, clock=lambda true: true * (1.0 + 500e-6 * (-1.0)**seed), jitter=0.008)
+    for one in sent:
+        one.arrival += 0.15 * (4.0 <= one.true < 6.0) + 0.03 * (8.0 <= one.true < 9.5)
+        if one is sent[0] or 12.0 <= one.true < 12.8:
+            one.arrival = max(one.arrival, 0.2 if one is sent[0] else 12.8 + 1e-3 * (one.true - 12.0))
+    for one, other in pairwise(sent):
+        other.arrival = max(one.arrival, other.arrival)    # over one socket
+    date(sent)
+    found = [one for one in sent if one.dated is not None]
+    steps = np.diff([one.dated for one in found])
+    assert len(found) > 0.97 * len(sent) and steps.min() >= 0.0
+    assert all(step > 0.4 / rate or one.arrival - one.dated < 1e-6
+               for step, one in zip(steps, found[1:], strict=True) if one.true > 1.5)
 
 
 @pytest.mark.parametrize('rate', [2.0, 5.0, 30.0, 1000.0])

@@ -51,6 +51,29 @@ def test_streams_agree_whatever_their_delay(rng):
     assert clock.restarts == 0
 
 
+@pytest.mark.parametrize('speed', [0.95, 0.8, 0.6])
+def test_a_simulator_that_is_slower_than_time_from_the_first_stamp_on_is_dated(rng, speed):
+    """All streams alike, late by what the simulator loses in a second."""
+    errors, clock = date(sent(rng, clock=lambda true: speed * true))
+    check(errors, least=0.98, most=1.2 * (1.0 - speed))
+    assert clock.restarts == 0
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_later_stamps_of_a_stream_are_never_dated_earlier(seed):
+    """A simulator that runs at 0.9 times the speed, with jitter, is 0.12 s late for two seconds, which end in a burst."""
+    events = []
+    newest = dict.fromkeys(STREAMS, 0.0)    # arrival: a stream comes over one socket
+    for arrival, name, sender, stamp, true in sent(np.random.default_rng(seed), seconds=10.0, clock=lambda true: 0.9 * true):
+        late = 0.12 * (3.0 <= true < 5.0) + max(0.05 * np.sin(40.0 * true + seed), 0.0)
+        newest[name] = max(newest[name] + 1e-6, arrival + late)
+        events.append((newest[name], name, sender, stamp, true))
+    errors, _ = date(events)
+    dated = {name: found[:, 0] + found[:, 1] for name, found in errors.items()}
+    assert min(np.diff(times[np.isfinite(times)]).min() for times in dated.values()) >= 0.0
+    assert all(np.isfinite(times).mean() > 0.8 for times in dated.values())
+
+
 @pytest.mark.parametrize('sender', [INTRUDER, GENUINE])
 @pytest.mark.parametrize('name', STREAMS)
 def test_rising_stamps_in_any_stream_move_nothing(rng, name, sender):

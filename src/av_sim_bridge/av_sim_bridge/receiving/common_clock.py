@@ -7,7 +7,7 @@ import threading
 from collections.abc import Hashable
 from typing import NamedTuple
 
-from av_common.clock import CHASE, LATEST_S, ElapsedTime, SenderClock
+from av_common.clock import CHASE, LATEST_S, ElapsedTime, Order, SenderClock
 from av_common.stamps import END_S
 
 MOST_SENDERS = 8         # of one stream
@@ -34,6 +34,7 @@ class _Stream:
         self.members: dict[Hashable, _Member] = {}
         self.charge: Hashable = None
         self.dated = -math.inf    # s, elapsed time of the newest dated stamp
+        self.order, self.restarts = Order(), (0, 0)
         self.refused = 0
 
     def member(self, sender: Hashable, now: float) -> _Member | None:
@@ -140,8 +141,12 @@ class CommonClock:
         self._compare(now)
         if not -DELAY_S <= member.clock.offset - self._offset <= LATEST_S:
             return None
-        stream.charge, stream.dated = sender, now
-        return max(min(time, stamp + self._offset), 0.0)
+        restarts = self.restarts, member.clock.restarts
+        if sender != stream.charge or restarts != stream.restarts:
+            stream.order = Order()
+        stream.charge, stream.dated, stream.restarts = sender, now, restarts
+        least = 1.0 - CHASE if member.clock.settled else 0.0
+        return max(stream.order.kept(stamp, min(time, stamp + self._offset), arrival, least), 0.0)
 
     def _compare(self, now: float) -> None:
         """Move the common offset towards the offset that most kinds of streams share, or replace it."""

@@ -264,10 +264,7 @@ class GimbalStream:
         self._newest = -math.inf
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float] | None:
-        """The orientation in one datagram and its time (s, ROS time); None where it is not newer than the one before.
-
-        Stamps step back a little while the clock of the streams learns the least delay.
-        """
+        """The orientation in one datagram and its time (s, ROS time); None for one that comes again or out of order."""
         sample = decode_gimbal(datagram)
         stamp = _date(self._clock, 'gimbal', sender, sample.time, arrival)
         if self._newest - self.RESTART < stamp <= self._newest:
