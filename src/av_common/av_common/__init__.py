@@ -15,5 +15,5 @@ __all__, __getattr__ = exports(__name__, {
     'rig': 'Rig load_rig',
     'stamps': 'to_seconds to_stamp',
     'track': 'Source State Target Targets Track',
-    'yaml_reader': 'YamlError load_yaml',
+    'yaml_reader': 'load_yaml',
 })

@@ -16,16 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from av_common.files import one_line, shown
-from av_common.yaml_reader import YamlError, load_yaml
+from av_common.yaml_reader import ConfigError as ConfigError
+from av_common.yaml_reader import load_yaml, parse_yaml
 
 # Limits of what states none: of numbers, of whole numbers such as seeds, and of the length of lists.
 LARGEST = 1e6
 LARGEST_WHOLE = 2**63 - 1
 LONGEST = 1000
-
-
-class ConfigError(ValueError):
-    """A configuration file with a wrong key or value; the message is `file: key: value and what is expected`."""
 
 
 def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: float | None = None,
@@ -47,23 +44,37 @@ def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: 
 
 
 def load(cls: type, path: str | Path, change: Callable[[Any], None] | None = None) -> Any:
-    """Read a YAML file as an instance of the dataclass `cls`. Raises ConfigError, or OSError for an unreadable file.
+    """Read a YAML file as an instance of the dataclass `cls`. Raises OSError for an unreadable file.
+
+    Raises ConfigError, whose message is `file: key: value and what is expected`.
 
     Parameters:
         cls: the dataclass.
         path: the file.
         change: changes the content, as YAML gives it, before it is checked; it may raise ConfigError.
     """
-    try:
-        content = load_yaml(path)
-    except YamlError as error:
-        raise ConfigError(str(error)) from error
+    content = load_yaml(path)
     try:
         if change is not None:
             change(content)
         return read(cls, content, folder=Path(path).expanduser().parent)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from error
+
+
+def parse(cls: type, text: str, key: str) -> Any:
+    """Build an instance of a dataclass from a text in YAML or JSON. Raises ConfigError.
+
+    Parameters:
+        cls: the dataclass.
+        text: the mapping.
+        key: where the text stands, for error messages.
+    """
+    try:
+        content = parse_yaml(text)
+    except ConfigError as error:
+        raise ConfigError(f'{key}: {error}') from error
+    return read(cls, content, key)
 
 
 def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:

@@ -18,12 +18,12 @@ DIGITS = 40         # characters of a number: float64 needs 24 (-1.7976931348623
 _PARSER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where PyYAML has it
 
 
-class YamlError(ValueError):
-    """Text that is no YAML, or that exceeds a limit; the message is one line with the place."""
+class ConfigError(ValueError):
+    """Text that is no YAML, exceeds a limit, or has a wrong key or value; the message is one line with the place."""
 
 
 def load_yaml(path: str | Path, kind: str = '') -> Any:
-    """The content of a YAML file. Raises OSError or YamlError that name the file.
+    """The content of a YAML file. Raises OSError or ConfigError that name the file.
 
     Parameters:
         path: the file.
@@ -32,12 +32,12 @@ def load_yaml(path: str | Path, kind: str = '') -> Any:
     text = read_text(path, MOST_BYTES, kind)
     try:
         return parse_yaml(text)
-    except YamlError as error:
-        raise YamlError(f'{kind} {path}: {error}'.strip()) from error
+    except ConfigError as error:
+        raise ConfigError(f'{kind} {path}: {error}'.strip()) from error
 
 
 def parse_yaml(text: str) -> Any:
-    """The content of a YAML document. Raises YamlError.
+    """The content of a YAML document. Raises ConfigError.
 
     What looks like a number or a date but is none, such as one of 400 digits, stays a text.
     """
@@ -47,20 +47,20 @@ def parse_yaml(text: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f' in line {mark.line + 1}' if mark else ''
-        raise YamlError(f'not YAML{place}: {one_line(error.problem or error.context)}') from error
+        raise ConfigError(f'not YAML{place}: {one_line(error.problem or error.context)}') from error
     except (yaml.YAMLError, RecursionError, TypeError, ValueError) as error:
-        raise error if isinstance(error, YamlError) else YamlError(f'not YAML: {one_line(error)}') from error
+        raise error if isinstance(error, ConfigError) else ConfigError(f'not YAML: {one_line(error)}') from error
 
 
 class _Loader(_PARSER):
     """Like `SafeLoader`, but a scalar that cannot be converted to its apparent type stays a text, and no key is given twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        """See PyYAML, which would take the last of two values. Raises YamlError."""
+        """See PyYAML, which would take the last of two values. Raises ConfigError."""
         known = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if key.value in known:
-                raise YamlError(f'line {key.start_mark.line + 1}: {key.value[:DIGITS]} is given twice')
+                raise ConfigError(f'line {key.start_mark.line + 1}: {key.value[:DIGITS]} is given twice')
             known.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -82,14 +82,14 @@ for _kind in ('int', 'float', 'timestamp'):
 
 
 def _check(events: Iterator[Any]) -> None:
-    """Raise YamlError for too many values, deep nesting, and aliases, by which few bytes become a large or endless document."""
+    """Raise ConfigError for too many values, deep nesting, and aliases, by which few bytes become a large document."""
     depth = 0
     for number, event in enumerate(events):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         line = f'line {event.start_mark.line + 1}'
         if isinstance(event, yaml.AliasEvent):
-            raise YamlError(f'{line}: the alias *{event.anchor}, expected the value itself')
+            raise ConfigError(f'{line}: the alias *{event.anchor}, expected the value itself')
         if depth > DEPTH:
-            raise YamlError(f'{line}: more than {DEPTH} levels of nesting')
+            raise ConfigError(f'{line}: more than {DEPTH} levels of nesting')
         if number > NODES:
-            raise YamlError(f'{line}: more than {NODES} values')
+            raise ConfigError(f'{line}: more than {NODES} values')

@@ -3,7 +3,7 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'bearing': 'BearingModel bearings_of_boxes',
+    'bearing': 'bearings_of_boxes',
     'detections': 'Candidates Detections',
     'drawing': 'draw',
     'methods': 'DETECTORS ForeignDetector',

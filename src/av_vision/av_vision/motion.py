@@ -12,7 +12,6 @@ They rest or drift evenly, and their measured acceleration is that of noise (Ray
 
 from __future__ import annotations
 
-import json
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -21,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.files import shown
+from av_common.config_reader import bounded, parse
 
 HISTORY_S, LEAST_S, LEAST_POINTS = 1.5, 1.0, 6  # of a path that is judged
 LEAST_SIZE = 4.0  # pixels, below which boxes are mostly noise
@@ -32,7 +31,7 @@ DECIDED = math.log(0.95 / 0.05)  # log-likelihood ratio at which a sequential te
 
 @dataclass(frozen=True)
 class MotionModel:
-    """Log-odds of the reported class from the acceleration of a path. Raises ValueError for a value outside its bounds.
+    """Log-odds of the reported class from the acceleration of a path.
 
     Parameters:
         gain: change of the log-odds for a factor e of the acceleration; 0 ignores the motion.
@@ -43,28 +42,19 @@ class MotionModel:
         rests (log-odds): of what rests among specks that look like drones.
     """
 
-    gain: float = 0.0
-    neutral: float = 1.0
-    least_speed: float = 0.3
-    speck: float = 0.0
-    bend: float = 10.0
-    bends: float = 1.0
-    rests: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, low, high in (('gain', 0.0, 10.0), ('neutral', FAINT, 100.0), ('least_speed', 0.0, 100.0),
-                                ('speck', 0.0, 1000.0), ('bend', 0.01, 1e4), ('bends', 0.01, 10.0), ('rests', 0.0, 10.0)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
+    gain: float = bounded(0.0, low=0.0, high=10.0)
+    neutral: float = bounded(1.0, low=FAINT, high=100.0)
+    least_speed: float = bounded(0.3, low=0.0, high=100.0)
+    speck: float = bounded(0.0, low=0.0, high=1000.0)
+    bend: float = bounded(10.0, low=0.01, high=1e4)
+    bends: float = bounded(1.0, low=0.01, high=10.0)
+    rests: float = bounded(0.0, low=0.0, high=10.0)
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> MotionModel:
         """From `motion` of a detector's metadata, in JSON; without it, motion is ignored. Raises ValueError."""
-        text = metadata.get('motion', '{}')
-        try:
-            return cls(**{name: float(value) for name, value in json.loads(text).items()})
-        except (TypeError, AttributeError, ValueError) as error:
-            raise ValueError(f'motion is {shown(text)} in the metadata of the detector: {error}') from error
+        model: MotionModel = parse(cls, metadata.get('motion', '{}'), 'motion')
+        return model
 
     def log_odds(self, path: Path) -> float:
         """Log-likelihood ratio of the reported class to others, at most 0; 0 for a path that is too short to tell.

@@ -9,12 +9,13 @@ correlation + (1 - correlation) / n (Gaussian discrimination with equal covarian
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from av_common.config_reader import bounded, parse
 
 LEAST_PROBABILITY = 1e-6  # probabilities are kept this far from 0 and 1
 
@@ -27,7 +28,7 @@ def logit(probability: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class ScoreFusionModel:
-    """Statistics of the scores of one object over images. Raises ValueError for a value outside its bounds.
+    """Statistics of the scores of one object over images.
 
     Parameters:
         prior (log-odds): prior of a class among all candidates of a detector.
@@ -37,30 +38,20 @@ class ScoreFusionModel:
         threshold (0-1): least posterior of a detection; 0 uses the detector's threshold.
     """
 
-    prior: float = 0.0
-    correlation: float = 1.0
-    memory_s: float = 0.0
-    floor: float = 0.0
-    threshold: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, low, high in (('prior', -20.0, 20.0), ('correlation', 0.0, 1.0), ('memory_s', 0.0, 1e6), ('floor', 0.0, 1.0),
-                                ('threshold', 0.0, 1.0)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
+    prior: float = bounded(0.0, low=-20.0, high=20.0)
+    correlation: float = bounded(1.0, low=0.0, high=1.0)
+    memory_s: float = bounded(0.0, low=0.0)
+    floor: float = bounded(0.0, low=0.0, high=1.0)
+    threshold: float = bounded(0.0, low=0.0, high=1.0)
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> ScoreFusionModel:
-        """The model in the metadata's `score_fusion` (JSON); without it images are treated independently.
+        """From `score_fusion` of a detector's metadata, in JSON; without it images are treated independently.
 
-        Raises ValueError for an invalid entry.
+        Raises ValueError for another entry, or a value outside its bounds.
         """
-        text = metadata.get('score_fusion', '{}')
-        try:
-            return cls(**json.loads(text))
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"the metadata's score_fusion is {text!r}, expected JSON with some of prior, correlation, "
-                             f'memory_s, floor and threshold: {error}') from error
+        model: ScoreFusionModel = parse(cls, metadata.get('score_fusion', '{}'), 'score_fusion')
+        return model
 
 
 SINGLE_IMAGE = ScoreFusionModel()  # images are independent

@@ -22,7 +22,7 @@ from av_fusion.measurement.measurements import (
 )
 from av_fusion.measurement.vectors import Rows, Vector, angles, direction, rows_of, turned
 from av_interfaces.msg import Doa, DoaArray
-from av_vision.bearing import BearingModel, bearings_of_boxes
+from av_vision.bearing import bearings_of_boxes
 
 OVERHEAD = 0.95  # vertical part of a direction close to the array's vertical
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
@@ -93,9 +93,8 @@ def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLi
         centres, sizes (n, 2; pixels), scores (n,): boxes of the detections.
         rotation (3, 3): turns vectors of the camera's optical frame into the body frame.
     """
-    bearings = bearings_of_boxes(camera, centres, sizes, scores, BearingModel())
+    columns = (*bearings_of_boxes(camera, centres, sizes, scores), np.ravel(scores))
     rows = rows_of(rotation @ FLU_TO_OPTICAL)
-    columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
     detections = []
     for azimuth, elevation, variance, elevation_variance, score in zip(*(column.tolist() for column in columns), strict=True):
         found, climb = angles(turned(rows, direction(azimuth, elevation)))
