@@ -11,7 +11,7 @@ __all__, __getattr__ = exports(__name__, {
     'methods': 'Methods',
     'microphone_array': 'DelayCurve MicrophoneArray',
     'node': 'RigNode run',
-    'parameters': 'ParameterError node_parameters',
+    'parameters': 'node_parameters',
     'rig': 'Rig load_rig',
     'stamps': 'to_seconds to_stamp',
     'track': 'Source State Target Targets Track',

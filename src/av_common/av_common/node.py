@@ -31,7 +31,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
-from av_common.parameter_node import ParameterError, ParameterNode
+from av_common.parameter_node import ParameterNode
 from av_common.publishers import PERIOD_S, Publishers
 from av_common.refused_inputs import STRICT_VARIABLE
 
@@ -40,7 +40,7 @@ try:  # uses a third of the processor time of SingleThreadedExecutor at the rate
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RigNode', 'run')
+__all__ = ('EXPECTED_ERRORS', 'Executor', 'RigNode', 'run')
 RETRY_S = 2.0  # between attempts to configure and activate
 FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
@@ -70,7 +70,7 @@ class RigNode(ParameterNode):
             without specific parameters.
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
-    Raises ParameterError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException, for parameters that
+    Raises ValueError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException, for parameters that
     are of a wrong type, out of bounds, or contradict each other.
     """
 
@@ -80,7 +80,6 @@ class RigNode(ParameterNode):
         self.done = Future()  # the process of the node ends when it is done
         self._problem = ''
         self._active = False
-        self._publishers_of_inputs = Publishers(self, ())
         self.contested: Mapping[str, list[str]] = {}
         self._unowned: set[Any] = set()  # entities that exist while unconfigured
         self._configured: set[Any] = set()  # and those while inactive
@@ -125,11 +124,13 @@ class RigNode(ParameterNode):
             tell: takes what is noted, each time.
             besides: see `Publishers`.
         """
+        publishers = Publishers(self, topics, besides)
+
         def look_for_publishers() -> None:
-            self.contested = self._publishers_of_inputs.contested(time.monotonic())
+            self.contested = publishers.contested(time.monotonic())
             tell(self.contested)
 
-        self.contested, self._publishers_of_inputs = {}, Publishers(self, topics, besides)
+        self.contested = {}
         self._steady_timer(PERIOD_S, look_for_publishers)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -188,7 +189,7 @@ class RigNode(ParameterNode):
         updater.add('status', self._diagnose)
         period = self.get_parameter(updater.period_parameter).value
         if not MINIMAL_PERIOD_S <= period < math.inf:
-            raise ParameterError(f'{updater.period_parameter} is {period}, expected at least {MINIMAL_PERIOD_S} (s)')
+            raise ValueError(f'{updater.period_parameter} is {period}, expected at least {MINIMAL_PERIOD_S} (s)')
         self.destroy_timer(updater.timer)  # stands still with simulated time
         updater.timer = self._steady_timer(period, updater.update)
         return updater
@@ -244,7 +245,10 @@ class RigNode(ParameterNode):
             status.summary(DiagnosticStatus.WARN, 'not active')
         else:
             status.summary(DiagnosticStatus.OK, 'active')
-            self._publishers_of_inputs.report(status, time.monotonic())
+            for topic, names in self.contested.items():
+                status.mergeSummary(
+                    DiagnosticStatus.ERROR, f'{topic} has {len(names)} publishers ({", ".join(names)}) and is not used: stop '
+                    'all but one, or give each rig a namespace; on an open network SROS 2 keeps others out')
             try:
                 self.diagnose(status)
             except Exception as error:  # noqa: BLE001  the status of a node is published whatever it contains
@@ -281,7 +285,7 @@ def run(node_class: Callable[[], RigNode]) -> None:
         signal.signal(number, lambda *_: None)
     try:
         node = node_class()
-    except (ParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
+    except (ValueError, InvalidParameterValueException, InvalidParameterTypeException) as error:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from lifecycle_msgs.msg import State
@@ -20,42 +20,23 @@ WHEN_CONFIGURED = 'takes effect when the node is configured'
 LONGEST_TEXT, LONGEST_LIST = 4096, 1024  # characters of a text (the longest path), elements of a list
 
 
-class ParameterError(ValueError):
-    """Parameters that cannot be used; the message names the parameter, its value and what is expected."""
-
-
 def check_value(name: str, value: Any) -> None:
-    """Raise ParameterError for numbers that are not finite, and for texts and lists without measure.
+    """Raise ValueError for numbers that are not finite, and for texts and lists without measure.
 
     Parameters:
         name: the parameter.
         value: its value; of any type that parameters have.
     """
     if isinstance(value, float) and not math.isfinite(value):
-        raise ParameterError(f'{name} is {value}, expected a finite number')
+        raise ValueError(f'{name} is {value}, expected a finite number')
     if isinstance(value, str):
         if len(value) > LONGEST_TEXT:
-            raise ParameterError(f'{name} has {len(value)} characters, expected at most {LONGEST_TEXT}')
+            raise ValueError(f'{name} has {len(value)} characters, expected at most {LONGEST_TEXT}')
     elif hasattr(value, '__len__'):
         if len(value) > LONGEST_LIST:
-            raise ParameterError(f'{name} has {len(value)} elements, expected at most {LONGEST_LIST}')
+            raise ValueError(f'{name} has {len(value)} elements, expected at most {LONGEST_LIST}')
         for element in value:
             check_value(name, element)
-
-
-def check_together(check: Callable[[Any], None], settings: Any) -> None:
-    """Raise ParameterError when `check` raises ValueError for `settings`.
-
-    Parameters:
-        check: `check_parameters` of a node.
-        settings: the generated struct of its parameters.
-    """
-    try:
-        check(settings)
-    except ParameterError:
-        raise
-    except ValueError as error:
-        raise ParameterError(str(error)) from error
 
 
 class ParameterNode(GuardedNode):
@@ -100,7 +81,7 @@ class ParameterNode(GuardedNode):
         """Apply parameters that changed at run time; called in the states inactive and active."""
 
     def guard_parameters(self, fixed: Iterable[str] = ()) -> None:
-        """Check all parameters now, raising ParameterError, and from now on before each change.
+        """Check all parameters now, raising ValueError, and from now on before each change.
 
         Parameters:
             fixed: parameters that a library declared, and that have no effect after the start: they become read-only, as
@@ -113,7 +94,7 @@ class ParameterNode(GuardedNode):
             if parameter.name not in self.RUNTIME_PARAMETERS:
                 self.describe_parameter(parameter.name).additional_constraints = WHEN_CONFIGURED
         if self._parameter_listener is not None:
-            check_together(self.check_parameters, self.settings)
+            self.check_parameters(self.settings)
             self.remove_on_set_parameters_callback(self._parameter_listener.update)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
@@ -125,15 +106,15 @@ class ParameterNode(GuardedNode):
             for change in changes:
                 check_value(change.name, change.value)
                 if change.name not in self.RUNTIME_PARAMETERS and self._is_configured:
-                    raise ParameterError(f'{change.name} {WHEN_CONFIGURED}: deactivate it and clean it up before')
+                    raise ValueError(f'{change.name} {WHEN_CONFIGURED}: deactivate it and clean it up before')
             if listener is not None:
                 result = listener.update(changes)
                 if not result.successful:
                     return result
-                check_together(self.check_parameters, self.settings)
+                self.check_parameters(self.settings)
                 if self._is_configured:
-                    check_together(self.check_change, self.settings)
-        except ParameterError as error:
+                    self.check_change(self.settings)
+        except ValueError as error:
             if listener is not None:
                 listener.params_ = before
             return SetParametersResult(successful=False, reason=str(error))

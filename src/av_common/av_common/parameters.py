@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -17,7 +18,7 @@ from rclpy.parameter import Parameter
 from av_common.files import nearest, shown
 from av_common.node import RigNode
 from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
-from av_common.parameter_node import ParameterError, check_together, check_value
+from av_common.parameter_node import check_value
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
@@ -43,10 +44,10 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     node_class = _node_class(package, node)
     generated = getattr(_own_module(f'{package}.nodes.{node}_parameters'), node)
     try:
-        parameters = generated.ParamListener(_Declarations(node, given, files)).get_params()
-        check_together(node_class.check_parameters, parameters)
-    except (ParameterException, ParameterError) as error:
-        named = sorted({file for name, file in files.items() if name in str(error)})
+        parameters = generated.ParamListener(_Declarations(given)).get_params()
+        node_class.check_parameters(parameters)
+    except (ParameterException, ValueError) as error:
+        named = sorted({file for name, file in files.items() if re.search(rf'\b{re.escape(name)}\b', str(error))})
         raise ValueError(f'{"".join(named)}{node}: {error}') from error
     return parameters
 
@@ -100,7 +101,7 @@ def parameter_names(module: str) -> frozenset[str]:
         module: of the node, which is not imported: some take seconds.
     """
     name = module.rpartition('.')[2]
-    declarations = _Declarations(name, {}, {})
+    declarations = _Declarations({})
     with suppress(ModuleNotFoundError):    # a node without parameters of its own
         getattr(_own_module(f'{module}_parameters'), name).ParamListener(declarations)
     return declarations.names | frozenset(COMMON)
@@ -120,13 +121,11 @@ class _Declarations:
     """The interface of a node that generated code uses: declared parameters take the given values or their defaults.
 
     Parameters:
-        node: the node's name, for error messages.
         given: values by names with dots; those that are not declared are ignored, as by a node.
-        files: prefix of error messages on each of them.
     """
 
-    def __init__(self, node: str, given: Mapping[str, Any], files: Mapping[str, str]) -> None:
-        self._node, self._given, self._files = node, given, files
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        self._given = given
         self._declared: dict[str, Parameter] = {}
 
     @property
@@ -145,7 +144,7 @@ class _Declarations:
         if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             value = _real(value)
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
-            raise ValueError(f'{self._files.get(name, "")}{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
+            raise ValueError(f'{name} is {shown(value)}, expected {kind.name.lower()}')
         check_value(name, value)
         self._declared[name] = Parameter(name, kind, value)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.node import Node
 
 # After a node died without a word the graph still holds its publisher for the lease of the middleware's discovery (10 s of
@@ -50,10 +48,3 @@ class Publishers:
             elif len(set(names) - {own}) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
                 found[topic] = names
         return found
-
-    def report(self, status: DiagnosticStatusWrapper, now: float) -> None:
-        """Add an error for each input that has more than one publisher; `now` (s) is by a steady clock."""
-        for topic, names in self.contested(now).items():
-            status.mergeSummary(
-                DiagnosticStatus.ERROR, f'{topic} has {len(names)} publishers ({", ".join(names)}) and is not used: stop all '
-                'but one, or give each rig a namespace; on an open network SROS 2 keeps others out')
