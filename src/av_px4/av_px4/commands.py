@@ -10,6 +10,7 @@ GIMBAL_CONFIGURE = 1001    # MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 ALLOWED = frozenset({GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE})
 COMPONENT = 191            # of this rig: MAV_COMP_ID_ONBOARD_COMPUTER of MAVLink
 ALL_GIMBALS = 0.0          # in place of the number of a gimbal
+ROLL_AND_PITCH_LOCK = 4.0 + 8.0    # of MAVLink's GIMBAL_MANAGER_FLAGS
 RELEASE = -3.0             # as system and component of 1001: give up control
 
 
@@ -42,12 +43,13 @@ def configure(system: float, component: float) -> Command:
     return Command(GIMBAL_CONFIGURE, (system, component, -1.0, -1.0, 0.0, 0.0, ALL_GIMBALS))
 
 
-def pitch_yaw(pitch_deg: float, yaw_deg: float, flags: int) -> Command:
-    """Point the gimbal; the gimbal chooses the rates.
+def pitch_yaw(pan: float, tilt: float, locked: bool) -> Command:
+    """Point the gimbal, by MAVLink's pitch (deg, up) and yaw (deg, to the right); the gimbal chooses the rates.
 
     Parameters:
-        pitch_deg (deg): up
-        yaw_deg (deg): to the right
-        flags: MAVLink's GIMBAL_MANAGER_FLAGS
+        pan (rad): angle to the left
+        tilt (rad): angle upwards
+        locked: whether roll and pitch are those from the horizon; yaw is relative to the vehicle
     """
-    return Command(GIMBAL_PITCH_YAW, (pitch_deg, yaw_deg, math.nan, math.nan, float(flags), 0.0, ALL_GIMBALS))
+    flags = ROLL_AND_PITCH_LOCK if locked else 0.0
+    return Command(GIMBAL_PITCH_YAW, (math.degrees(tilt), -math.degrees(pan), math.nan, math.nan, flags, 0.0, ALL_GIMBALS))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from av_px4.handover import EXTERNAL_MODES, VehicleStatus
 
+MODE_NAME = 'AV Track'  # in the ground station; PX4 stores 24 bytes
 RETRY_S = 5.0          # interval between requests for registration: each that comes late is granted, too
 REFUSED_S = 10.0       # the same after one that PX4 has refused; while it is armed none at all
 LOST_AFTER_S = 2.0     # time without an arming check request after which the registration counts as lost
@@ -32,11 +33,9 @@ class Register:
 
     Parameters:
         request_id: number that the reply repeats
-        name: name of the mode in the ground station
     """
 
     request_id: int
-    name: str
 
 
 @dataclass(frozen=True)
@@ -44,13 +43,11 @@ class Registration:
     """A registration that PX4 has granted.
 
     Parameters:
-        name: name of the mode
         arming_check_id: number of this registration in replies to arming checks
         mode_id: nav_state of the mode
         version: of PX4's interface for external modes
     """
 
-    name: str
     arming_check_id: int
     mode_id: int
     version: int = 1
@@ -85,18 +82,12 @@ class Answer:
 class ExternalMode:
     """Client of PX4's registration: it registers, configures, answers arming checks, and registers again after a loss.
 
-    Raises ValueError for a name that PX4 cannot store.
-
     Parameters:
-        name: name of the mode in the ground station, 1 to 24 bytes
         versions: of PX4's interface for external modes that the installed px4_msgs has the messages for
         seed: seed of the random request numbers, for tests
     """
 
-    def __init__(self, name: str = 'AV Track', versions: Collection[int] = (1, 2), seed: int | None = None) -> None:
-        if not 0 < len(name.encode()) < 25:
-            raise ValueError(f'external mode name is {name!r}, expected 1 to 24 bytes')
-        self.name = name
+    def __init__(self, versions: Collection[int] = (1, 2), seed: int | None = None) -> None:
         self.registration: Registration | None = None
         self.problem = ''
         self._versions = versions
@@ -149,7 +140,7 @@ class ExternalMode:
             return None
         self._next = time + RETRY_S
         self._requests = [*self._requests[-9:], self._random.getrandbits(63)]
-        return Register(self._requests[-1], self.name)
+        return Register(self._requests[-1])
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
                  arming_check_id: int, mode_id: int, armed: bool = False) -> None:
@@ -160,10 +151,10 @@ class ExternalMode:
             request_id, name, api_version, success, arming_check_id, mode_id: fields of RegisterExtComponentReply
             armed: whether the vehicle is armed
         """
-        if request_id not in self._requests or name != self.name:
+        if request_id not in self._requests or name != MODE_NAME:
             return
         self._requests.remove(request_id)
-        granted = Registration(name, arming_check_id, mode_id, api_version)
+        granted = Registration(arming_check_id, mode_id, api_version)
         self._foreign = api_version not in self._versions
         usable = success and not self._foreign and mode_id in EXTERNAL_MODES and arming_check_id >= 0
         if success and (self.registration is not None or not usable) and granted != self.registration:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -66,18 +65,3 @@ def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate
     velocity_flu = (quat2mat(enu).T @ ned_to_enu(velocity) if velocity_frame == VELOCITY_FRAME_NED
                     else frd_to_flu(velocity) if velocity_frame == VELOCITY_FRAME_BODY_FRD else np.zeros(3))
     return Pose(ned_to_enu(position), enu, velocity_flu, frd_to_flu(rate))
-
-
-def gimbal_degrees(pan: float, tilt: float) -> tuple[float, float]:
-    """Pitch (deg, up) and yaw (deg, to the right) in MAVLink's convention.
-
-    Parameters:
-        pan (rad): angle to the left
-        tilt (rad): angle upwards
-    """
-    return math.degrees(tilt), -math.degrees(pan)
-
-
-def yawspeed_ned(yaw_rate: float) -> float:
-    """PX4's yaw speed (rad/s, clockwise seen from above) for a yaw rate (rad/s, counter-clockwise), and vice versa."""
-    return -yaw_rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,25 +15,24 @@ from transforms3d.quaternions import quat2mat
 from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
 from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
 from av_common.limited_axis import AxisLimits, LimitedAxis
-from av_common.rig import GimbalMount
+from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_common.rig_messages import gimbal_message
 from av_interfaces.msg import GimbalState
 from av_px4.commands import COMPONENT, GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
-from av_px4.frames import gimbal_degrees
 from av_px4.odometry import px4_clock
 
 ACCEPTED, IN_PROGRESS, UNSUPPORTED = 0, 5, 3
 RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed', 'in progress', 'cancelled')
-ROLL_AND_PITCH_LOCK = 4 + 8     # against the horizon; yaw stays relative to the vehicle
 # nav_state in which PX4 itself moves the gimbal: return, descend, terminate, land, precision landing.
 PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
 ACK_TIMEOUT_S = 1.0     # without an acknowledgement after which control counts as lost
 RETRY_S = 1.0           # between claims
 UNSUPPORTED_RETRY_S = 10.0  # between claims where PX4 has no gimbal manager
 MOST_COMMANDS_HZ = 50.0  # rate of the steps of `Px4Stage`
-STOPS_S = 0.25          # longest time that a stop may take
+STOPS_S = 0.2           # time of a stop from the highest rate, which gives the acceleration
 YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
 FAILED = 8 + 64 + 128 + 256  # MAVLink's GIMBAL_DEVICE_ERROR_FLAGS: encoder, software, communication, calibrating
+DEFAULT_MOUNT = replace(UNDESCRIBED_GIMBAL, stabilized=True)
 SIGMA = math.radians(1.0)  # of the report, and of the vehicle's attitude at its time
 
 
@@ -55,27 +54,17 @@ class Claim(enum.Enum):
 
 @dataclass(frozen=True)
 class GimbalSettings:
-    """Limits of the gimbal. Raises ValueError for those that prevent a stop within 0.25 s.
+    """The gimbal, and how it is claimed.
 
     Parameters:
-        flags: MAVLink's GIMBAL_MANAGER_FLAGS
-        pan (rad, rad/s, rad/s^2): limits of the pan axis, positive to the left
-        tilt (rad, rad/s, rad/s^2): limits of the tilt axis, positive upwards
+        mount: the gimbal, with its limits
         need_ack: whether a claim must be acknowledged; False for firmware without acknowledgements (PX4 1.14's default)
         after_takeover: what follows when another takes the gimbal
     """
 
-    flags: int = ROLL_AND_PITCH_LOCK
-    pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -2.7, 2.7))
-    tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -1.5, 0.8))
+    mount: GimbalMount = DEFAULT_MOUNT
     need_ack: bool = True
     after_takeover: AfterTakeover = AfterTakeover.AGAIN
-
-    def __post_init__(self) -> None:
-        for axis in (self.pan, self.tilt):
-            if axis.rate / axis.acceleration > STOPS_S:
-                raise ValueError(f'the gimbal at {math.degrees(axis.rate):.0f} deg/s and {math.degrees(axis.acceleration):.0f} '
-                                 f'deg/s^2 takes more than {STOPS_S} s to stop')
 
 
 @dataclass(frozen=True)
@@ -107,7 +96,7 @@ class Gimbal:
     """Client of the gimbal manager. `step` returns the commands to send and must be called at 20 Hz or more.
 
     Parameters:
-        settings: ids and limits; defaults for None
+        settings: the gimbal and how it is claimed; defaults for None
     """
 
     def __init__(self, settings: GimbalSettings | None = None) -> None:
@@ -118,7 +107,10 @@ class Gimbal:
         self._taken = False           # since the newest claim
         self.last_result = ''
         self.unacknowledged = False   # acknowledgements arrived earlier but have stopped
-        self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
+        mount = self.settings.mount
+        rate = math.radians(mount.max_rate_deg)
+        self._pan, self._tilt = (LimitedAxis(AxisLimits(rate, rate / STOPS_S, *map(math.radians, limits)))
+                                 for limits in (mount.pan_limits_deg, mount.tilt_limits_deg))
         self._time: float | None = None
         self._next_claim = self._sent = -math.inf
         self._waiting_since: float | None = None   # time of the oldest command without acknowledgement
@@ -225,8 +217,7 @@ class Gimbal:
             return []
         self._sent = time
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
-        pitch, yaw = gimbal_degrees(self._pan.position, self._tilt.position)
-        return [pitch_yaw(pitch, yaw, self.settings.flags)]
+        return [pitch_yaw(self._pan.position, self._tilt.position, self.settings.mount.stabilized)]
 
 
 class GimbalFeedback:

@@ -17,8 +17,8 @@ from std_msgs.msg import Header
 from av_common.frames import BASE_FRAME, ODOM_FRAME
 from av_common.stamps import to_stamp
 from av_px4.commands import COMPONENT, Command
-from av_px4.external_mode import Answer, Configure, Register, Registration
-from av_px4.frames import Pose, pose_from_px4, yawspeed_ned
+from av_px4.external_mode import MODE_NAME, Answer, Configure, Register, Registration
+from av_px4.frames import Pose, pose_from_px4
 from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
@@ -91,7 +91,7 @@ def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate
     nothing = [math.nan] * 3
     return messages.TrajectorySetpoint(
         timestamp=timestamp, position=[float(value) for value in place_ned], velocity=nothing, acceleration=nothing,
-        jerk=nothing, yaw=math.nan, yawspeed=yawspeed_ned(yaw_rate) if yaw_rate else math.nan)
+        jerk=nothing, yaw=math.nan, yawspeed=-yaw_rate if yaw_rate else math.nan)
 
 
 def register_message(messages: Any, timestamp: int, request: Register) -> Any:
@@ -100,7 +100,7 @@ def register_message(messages: Any, timestamp: int, request: Register) -> Any:
     message = messages.RegisterExtComponentRequest(
         timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=version, register_arming_check=True,
         register_mode=True)
-    message.name = characters(request.name, message.name)
+    message.name = characters(MODE_NAME, message.name)
     return message
 
 
@@ -109,7 +109,7 @@ def unregister_message(messages: Any, timestamp: int, registration: Registration
     message = messages.UnregisterExtComponent(
         timestamp=timestamp, arming_check_id=registration.arming_check_id, mode_id=registration.mode_id,
         mode_executor_id=-1)
-    message.name = characters(registration.name, message.name)
+    message.name = characters(MODE_NAME, message.name)
     return message
 
 

@@ -22,7 +22,7 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
-from av_px4.external_mode import Configure, ExternalMode, Register, Registration
+from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Register, Registration
 from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
@@ -83,9 +83,9 @@ class Px4Stage:
         self.mode_missing = '' if all(hasattr(messages, name) for name in MODE_MESSAGES) else NO_MODE
         wanted = settings.turn_body and settings.external_mode and not self.mode_missing
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
-        self.mode = ExternalMode(settings.external_mode, versions) if wanted else None
+        self.mode = ExternalMode(versions) if wanted else None
         self.odometry = OdometryConverter()
-        self.gimbal_feedback = GimbalFeedback(settings.gimbal_frame)
+        self.gimbal_feedback = GimbalFeedback(settings.gimbal.mount.frame)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(settings.max_rate, settings.turn_body and settings.offboard)
         self._messages, self._place = messages, HeldPosition()
@@ -335,8 +335,7 @@ class Px4Stage:
                  and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= BEARING_TIMEOUT)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
-            gimbal = GimbalMount(stabilized=self.settings.lock_to_horizon)
-            pan, tilt = angles_of_command(gimbal, pan, tilt, command.header.frame_id == BASE_STABILIZED,
+            pan, tilt = angles_of_command(self.settings.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,
                                           attitude_ned_to_enu(self._attitude).tolist())
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
@@ -380,14 +379,14 @@ class Px4Stage:
             return []
         self._reported = tuple(values.values())
         said = [self.decision.reason, f'OFFBOARD is not offered: {withheld}' if withheld and self.settings.offboard else '',
-                f'"{self.settings.external_mode}" cannot run: {unwilling}' if unwilling and self.settings.external_mode else '']
+                f'"{MODE_NAME}" cannot run: {unwilling}' if unwilling and self.settings.external_mode else '']
         return [Outgoing(STATE_TOPIC, DiagnosticStatus(
             level=DiagnosticStatus.OK, name='px4', message='; '.join(part for part in said if part),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
 
 
 def make_px4_stage(parameters: Any, messages: Any, gimbal: GimbalMount | None = None) -> Px4Stage:
-    """The stage of px4_node. Raises ValueError for impossible limits.
+    """The stage of px4_node.
 
     Parameters:
         parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)

@@ -56,7 +56,7 @@ class TestExternalMode:
         assert mode.active_mode(7.0) == 23 and mode.active_mode(7.6) is None
         assert mode.step(7.6, False) is None and mode.registration is None
         sent = steps(mode, 7.6, 12.0)
-        assert list(sent) == [8.6, 9.6] and sent[8.6] == Registration('AV Track', 2, 23)
+        assert list(sent) == [8.6, 9.6] and sent[8.6] == Registration(2, 23)
         assert isinstance(sent[9.6], Register)
 
     @pytest.mark.parametrize(('status', 'ended'), [
@@ -66,11 +66,11 @@ class TestExternalMode:
     def test_the_mode_that_the_pilot_has_selected_is_not_ended_in_flight(self, status, ended):
         """PX4 would change to Hold, also out of a failsafe."""
         mode = ExternalMode()
-        mode.start(0.0, Registration('AV Track', 0, 23))
+        mode.start(0.0, Registration(0, 23))
         assert bool(steps(mode, 0.0, 10.0, status)) == ended
 
     def test_what_a_former_process_registered_is_ended_first(self):
-        mode, former = ExternalMode(), Registration('AV Track', 0, 24)
+        mode, former = ExternalMode(), Registration(0, 24)
         mode.start(0.0, former)
         sent = list(steps(mode, 0.0, 4.5).values())
         assert sent[0] == former and [type(step) for step in sent[1:]] == [Register]
@@ -83,8 +83,8 @@ class TestExternalMode:
         mode.on_reply(5.1, first.request_id, 'AV Track', 1, True, 0, 23)
         mode.on_reply(5.2, second.request_id, 'AV Track', 1, True, 1, 24)
         assert [step for step in steps(mode, 5.3, 8.3).values() if not isinstance(step, Configure)] == [
-            Registration('AV Track', 1, 24)]
-        assert mode.registration == Registration('AV Track', 0, 23)
+            Registration(1, 24)]
+        assert mode.registration == Registration(0, 23)
 
     def test_px4_started_anew_and_no_longer_counts_it(self):
         mode = registered()
@@ -145,7 +145,3 @@ class TestExternalMode:
         mode.on_reply(0.0, number + 1, 'AV Track', 1, True, 0, 23)
         mode.on_reply(0.0, number, 'Other', 1, True, 0, 23)
         assert mode.registration is None and mode.on_question(0.0, 1, True) is None
-
-    def test_a_name_that_does_not_fit_is_refused(self):
-        with pytest.raises(ValueError, match='1 to 24 bytes'):
-            ExternalMode('a name that is far too long')

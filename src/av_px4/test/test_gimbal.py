@@ -9,7 +9,6 @@ import pytest
 from fake_autopilot import HOLD, RETURN
 from gimbal_bench import OWN, Bench
 
-from av_common.limited_axis import AxisLimits
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
 from av_px4.gimbal import AfterTakeover, Claim, GimbalSettings
 
@@ -116,10 +115,6 @@ class TestRules:
         """Arming is 400, changing the mode 176, moving the vehicle 192."""
         with pytest.raises(ValueError, match='allowed'):
             Command(number, (0.0,) * 7)
-
-    def test_limits_that_cannot_stop_in_time_are_refused(self):
-        with pytest.raises(ValueError, match='to stop'):
-            GimbalSettings(pan=AxisLimits(2.0, 4.0))
 
 
 class Chance:

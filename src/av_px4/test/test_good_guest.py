@@ -131,7 +131,7 @@ class TestConsent:
     def test_a_new_process_waits_for_the_pilot_in_the_own_mode(self, firmware, known):
         """Whether or not it knows what the former one had registered."""
         flight = in_own_mode(firmware)
-        former = Registration('AV Track', 0, 23)
+        former = Registration(0, 23)
         flight.rig = None
         flight.run(2.0)
         flight.start(former if known else None)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from transforms3d.euler import euler2quat
 
+from av_px4.commands import pitch_yaw
 from av_px4.continuity import ContinuousPose, HeldPosition
-from av_px4.frames import Pose, gimbal_degrees, pose_from_px4, yawspeed_ned
+from av_px4.frames import Pose, pose_from_px4
 
 QUADRANTS = [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)]   # pan (left +), tilt (up +) in deg
 
@@ -48,11 +49,8 @@ class TestGimbal:
     @pytest.mark.parametrize(('pan', 'tilt'), QUADRANTS)
     def test_signs_in_all_quadrants(self, pan, tilt):
         """To the left is negative yaw for MAVLink, up is positive pitch; and where the gimbal then looks is where it should."""
-        pitch, yaw = gimbal_degrees(math.radians(pan), math.radians(tilt))
+        pitch, yaw, *_ = pitch_yaw(math.radians(pan), math.radians(tilt), True).params
         assert (pitch, yaw) == pytest.approx((tilt, -pan))
-
-    def test_yaw_rate_to_the_left_is_negative_for_px4(self):
-        assert yawspeed_ned(0.3) == -0.3
 
 
 class TestContinuity:

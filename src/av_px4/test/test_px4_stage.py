@@ -32,7 +32,7 @@ class Rig:
     """A stage, a vehicle that hovers and a target; `run` advances both by steps of 20 ms."""
 
     def __init__(self, settings=None, **changes):
-        self.stage = Px4Stage(settings or Px4Settings(**{'offboard': True, 'external_mode': ''} | changes), MESSAGES)
+        self.stage = Px4Stage(settings or Px4Settings(**{'offboard': True, 'external_mode': False} | changes), MESSAGES)
         self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
         self.stage.start(self.now)
 

@@ -23,7 +23,6 @@ from av_px4.gimbal import Claim
 from av_px4.guard import STATUS_TIMEOUT
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
-from av_px4.settings import MODE_NAME
 from av_px4.stage import (
     GIMBAL_TOPIC,
     HEARTBEAT,
@@ -58,7 +57,7 @@ class Px4Node(RigNode):
         self._kept_mode = KeptNumbers(f'{self.get_fully_qualified_name()}.external_mode', NO_MODE)
 
     def configure(self) -> None:
-        """Create the stage and the publishers. Raises ImportError without px4_msgs, ValueError for impossible limits."""
+        """Create the stage and the publishers. Raises ImportError without px4_msgs."""
         self._settings = self.settings
         self._link = Px4Link(self)
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
@@ -76,7 +75,7 @@ class Px4Node(RigNode):
     def activate(self) -> None:
         """Subscribe to the rig's topics and search for PX4's."""
         check, mode = map(int, self._kept_mode.values)
-        former = Registration(MODE_NAME, check, mode) if (check, mode) != NO_MODE else None
+        former = Registration(check, mode) if (check, mode) != NO_MODE else None
         self._stage.start(self._instant(), former)
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
