@@ -35,28 +35,6 @@ ARRAY_FRAME = 'microphones'
 FORMATS = {'S16LE': ('<i2', 32768.0), 'S32LE': ('<i4', 2147483648.0), 'F32LE': ('<f4', 1.0)}
 
 
-def decode(data: bytes, sample_format: str, channels: int) -> NDArray:
-    """Samples (n, channels) in float32, full scale 1, of interleaved bytes.
-
-    Parameters:
-        data: whole samples of all channels.
-        sample_format: one of FORMATS.
-        channels: number of channels.
-
-    Raises ValueError for an unknown format or an incomplete sample.
-    """
-    kind, full_scale = _format(sample_format)
-    if channels < 1 or len(data) % (channels * np.dtype(kind).itemsize):
-        raise ValueError(f'{len(data)} bytes are not a whole number of samples of {channels} channels in {sample_format}')
-    return (np.frombuffer(data, kind).reshape(-1, channels) / full_scale).astype(np.float32)
-
-
-def _format(sample_format: str) -> tuple[str, float]:
-    if sample_format.upper() not in FORMATS:
-        raise ValueError(f'sample format {sample_format!r}, expected one of {", ".join(FORMATS)}')
-    return FORMATS[sample_format.upper()]
-
-
 @dataclass(frozen=True)
 class AudioLayout:
     """Layout of audio that is recorded as bytes without a description.
@@ -137,11 +115,13 @@ class AudioBytes:
 
     def _samples(self, data: ArrayLike) -> NDArray[np.float32]:
         """Complete samples (n, channels) of full scale 1; the bytes of an incomplete one are kept."""
-        size = np.dtype(FORMATS[self._layout.sample_format][0]).itemsize * self._layout.channels
+        kind, full_scale = FORMATS[self._layout.sample_format]
+        size = np.dtype(kind).itemsize * self._layout.channels
         content = self._rest + np.asarray(data, np.uint8).tobytes()
         whole = len(content) // size * size
         self._rest = content[whole:]
-        return decode(content[:whole], self._layout.sample_format, self._layout.channels)
+        samples = np.frombuffer(content[:whole], kind).reshape(-1, self._layout.channels)
+        return (samples / full_scale).astype(np.float32)
 
     def _skip_gap(self, stamp: float) -> None:
         expected = stamp if self._origin is None else self._origin + self._next / self._layout.sample_rate

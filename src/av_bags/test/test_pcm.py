@@ -1,19 +1,24 @@
-"""Bytes and samples, by hand."""
+"""PCM samples of other packages against values written out by hand."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from av_bags.converters import decode
+from av_bags.converters import AudioBytes, AudioLayout
+from av_bags.errors import BagError
 
 
-def test_known_bytes():
-    np.testing.assert_allclose(decode(b'\x00\x40\x00\xc0', 'S16LE', 2), [[0.5, -0.5]])
-    np.testing.assert_allclose(decode(b'\x00\x00\x00\x40', 'S32LE', 1), [[0.5]])
-    np.testing.assert_allclose(decode(b'\x00\x00\x80\x3f', 'F32LE', 1), [[1.0]])
+@pytest.mark.parametrize(('data', 'sample_format', 'samples'), [
+    (b'\x00\x40\x00\xc0', 'S16LE', [0.5, -0.5]), (b'\x00\x00\x00\x40\x00\x00\x00\xc0', 'S32LE', [0.5, -0.5]),
+    (b'\x00\x00\x80\x3f\x00\x00\x80\xbf', 'F32LE', [1.0, -1.0])])
+def test_full_scale_is_one_and_a_sample_may_come_in_two_parts(data, sample_format, samples):
+    convert = AudioBytes(AudioLayout(48_000, 2, sample_format))
+    assert not convert(SimpleNamespace(data=list(data[:3])), 10**9)
+    (frame,) = convert(SimpleNamespace(data=list(data[3:])), 10**9)
+    np.testing.assert_allclose(frame.samples, samples)
 
 
-def test_what_does_not_fit_is_named():
-    with pytest.raises(ValueError, match='3 bytes'):
-        decode(b'abc', 'S16LE', 1)
-    with pytest.raises(ValueError, match="'MP3'"):
-        decode(b'', 'MP3', 1)
+def test_layouts_are_refused():
+    with pytest.raises(BagError, match='S16LE'):
+        AudioLayout(48_000, 1, 'MP3')
