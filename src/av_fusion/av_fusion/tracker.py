@@ -11,7 +11,7 @@ from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.ambiguity import candidates, is_resolved
-from av_fusion.disambiguation.camera_looks import CameraLooks
+from av_fusion.disambiguation.look import LookPlanner
 from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt, View
 from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
@@ -82,7 +82,7 @@ class MultiTargetTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.tau)
         self.planner = RotationPlanner(self.settings.rotation, self.settings.fixed_rotation)
-        self.looks = CameraLooks(self.settings.gimbal) if self.settings.gimbal else None
+        self.looks = LookPlanner(self.settings.gimbal) if self.settings.gimbal else None
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)
@@ -104,7 +104,7 @@ class MultiTargetTracker:
         self.machine.restart()
         self.planner.cancel()
         if self.settings.gimbal:
-            self.looks = CameraLooks(self.settings.gimbal)
+            self.looks = LookPlanner(self.settings.gimbal)
         self._targets = Targets(0.0)
         self._view = NO_CAMERA
         self._mirror_axis = None
@@ -168,7 +168,7 @@ class MultiTargetTracker:
             return self._without_target(time, found)
         state = self.machine.step(time, True)
         if self.looks is not None and state == State.VISUAL_ACTIVE:
-            self.looks.planner.cancel()
+            self.looks.cancel()
         source = Source.NOTHING if state == State.COASTING else followed.track.source
         wanted = [target for target in found if self._selection.is_followed(target)]
         unresolved = [tracks[target.id] for target in wanted if not target.track.resolved]

@@ -5,10 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from av_common.angles import angles_to_direction, direction_to_angles, wrap
+from av_common.angles import angles_to_direction, wrap
 from av_common.gimbal_geometry import gimbal_to_body
-from av_common.rig import GimbalMount
-from av_fusion.disambiguation.look import BUDGET_S, REST_S, LookPlanner, Place, Sight, in_view
+from av_common.rig import GimbalMount, Mount
+from av_fusion.disambiguation.look import BUDGET_S, REST_S, LookPlanner, in_view
+from av_fusion.measurement.measurements import CameraMeasurement
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import rows_of
+from av_fusion.tracks.component import GaussianComponent
 
 HALF_VIEW, HALF_HEIGHT = math.radians(35.0), math.radians(27.0)
 GIMBAL = GimbalMount(pan_limits_deg=(-150.0, 150.0), tilt_limits_deg=(-45.0, 60.0))
@@ -18,40 +22,45 @@ def deg(*angles):
     return tuple(math.radians(angle) for angle in angles)
 
 
-def place(azimuth, weight=0.5, visible=0.8, elevation=10.0, sigma=3.0, elevation_sigma=10.0):
-    return Place(*deg(azimuth, elevation), math.radians(sigma)**2, math.radians(elevation_sigma)**2, weight, visible)
+def place(azimuth, weight=0.5, elevation=10.0, sigma=3.0, elevation_sigma=10.0):
+    """A possible direction of a target that stands still."""
+    covariance = np.diag([*np.square(deg(sigma, elevation_sigma)), 0.0, 0.0, 0.0])
+    return GaussianComponent(weight, *deg(azimuth, elevation), np.ones(1), np.zeros((1, 5)), covariance[None])
+
+
+def image(time, camera):
+    """An image by a camera that is turned on the body by a matrix."""
+    return CameraMeasurement(time, (), HALF_VIEW, HALF_HEIGHT, view=rows_of(camera))
 
 
 class Search:
     """A gimbal that obeys, images at 10 Hz, and what the camera sees."""
 
-    def __init__(self, *places, gimbal=GIMBAL, target=None, stuck=False):
+    def __init__(self, *places, gimbal=GIMBAL, target=None, stuck=False, visible=0.8):
         self.planner, self.places, self.gimbal = LookPlanner(gimbal), list(places), gimbal
         self.target = None if target is None else angles_to_direction(*deg(*target))
         self.pan, self.tilt, self.time, self.stuck = 0.0, 0.0, 100.0, stuck
-        self.looks, self.seen = [], None
+        self.looks, self.seen, self.visible = [], None, visible
 
     def run(self, seconds):
         step, rate = 0.02, math.radians(self.gimbal.max_rate_deg)
         for k in range(round(seconds / step)):
             self.time += step
-            sight = Sight(self.time, gimbal_to_body(self.gimbal, self.pan, self.tilt), HALF_VIEW, HALF_HEIGHT)
             if k % 5 == 0:
-                self._see(sight)
-            look = self.planner.plan(self.time, lambda: self.places, sight, np.eye(3))
+                self._see(gimbal_to_body(self.gimbal, self.pan, self.tilt))
+            look = self.planner.plan(self.time, self.places, self.visible, RigMotion())
             if self.seen is not None:
                 break
-            self.looks.append(None if look is None else tuple(np.degrees(direction_to_angles(look))))
+            self.looks.append(None if look is None else tuple(np.degrees(look)))
             if look is not None and not self.stuck:
-                pan, tilt = direction_to_angles(look)
-                self.pan += np.clip(wrap(float(pan)) - self.pan, -rate * step, rate * step)
-                self.tilt += np.clip(float(tilt) - self.tilt, -rate * step, rate * step)
+                self.pan += np.clip(look[0] - self.pan, -rate * step, rate * step)
+                self.tilt += np.clip(look[1] - self.tilt, -rate * step, rate * step)
         return self
 
-    def _see(self, sight):
-        if self.target is not None and in_view(self.target[None], sight.camera_in_world, HALF_VIEW, HALF_HEIGHT)[0]:
+    def _see(self, camera):
+        if self.target is not None and in_view(self.target[None], camera, HALF_VIEW, HALF_HEIGHT)[0]:
             self.seen = self.time
-        self.planner.see(sight)
+        self.planner.on_image(self.time, image(self.time, camera), RigMotion(), False)
 
     @property
     def directions(self):
@@ -107,16 +116,16 @@ def test_looks_end_when_they_tell_nothing_more_and_rest():
     assert search.time < ended + 2.0 * REST_S
 
 
-@pytest.mark.parametrize('places', [
-    (place(60.0, visible=0.05), place(-120.0, visible=0.05)),  # dense fog
-    (place(180.0, 1.0, sigma=1.0, elevation=89.0, elevation_sigma=1.0),)])  # above the limits of tilt
-def test_no_look_is_requested_that_can_tell_nothing(places):
-    assert set(Search(*places).run(1.0).looks) == {None}
+@pytest.mark.parametrize(('places', 'visible'), [
+    ((place(60.0), place(-120.0)), 0.05),  # dense fog
+    ((place(180.0, 1.0, sigma=1.0, elevation=89.0, elevation_sigma=1.0),), 0.8)])  # above the limits of tilt
+def test_no_look_is_requested_that_can_tell_nothing(places, visible):
+    assert set(Search(*places, visible=visible).run(1.0).looks) == {None}
 
 
 def test_without_a_camera_there_is_no_look():
     planner = LookPlanner(GIMBAL)
-    assert planner.plan(100.0, lambda: [place(60.0), place(-120.0)], None, np.eye(3)) is None
+    assert planner.plan(100.0, [place(60.0), place(-120.0)], 0.8, RigMotion()) is None
 
 
 def test_a_gimbal_that_does_not_turn_keeps_the_body_waiting_no_longer_than_the_way_takes():
@@ -136,11 +145,10 @@ def test_a_look_stays_within_the_limits():
 
 def test_a_mount_that_is_turned_has_its_limits_turned():
     """Behind a mount that faces backwards is what is ahead of the rig."""
-    planner = LookPlanner(GimbalMount(pan_limits_deg=(-60.0, 60.0)))
-    backwards = np.diag([-1.0, -1.0, 1.0])
-    sight = Sight(100.0, backwards, HALF_VIEW, HALF_HEIGHT)
-    look = planner.plan(100.1, lambda: [place(20.0), place(160.0)], sight, backwards)
-    assert math.degrees(direction_to_angles(look)[0]) == pytest.approx(160.0, abs=25.0)
+    planner = LookPlanner(GimbalMount(mount=Mount(rpy_deg=(0.0, 0.0, 180.0)), pan_limits_deg=(-60.0, 60.0)))
+    planner.on_image(100.0, image(100.0, np.diag([-1.0, -1.0, 1.0])), RigMotion(), False)
+    look = planner.plan(100.1, [place(20.0), place(160.0)], 0.8, RigMotion())
+    assert math.degrees(look[0]) == pytest.approx(160.0, abs=25.0)
 
 
 def test_looks_begin_anew_after_the_target_was_seen_and_with_another_clock():

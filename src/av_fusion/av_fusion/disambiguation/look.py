@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.gimbal_geometry import gimbal_to_mount
 from av_common.rig import GimbalMount
+from av_fusion.measurement.measurements import CameraMeasurement
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import angles, turned_back
+from av_fusion.tracks.component import GaussianComponent
 
 REPLAN_S = 0.2  # time between predictions
+NEWEST_IMAGE_S = 1.0  # age from which the camera counts as absent
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
 BUDGET_S = 8.0  # for which looks are requested in a row
 FORGET_S = 5.0  # without requests after which looks begin anew
@@ -35,25 +40,6 @@ WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
 BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
 
 Matrix = NDArray[np.float64]
-
-
-class Place(NamedTuple):
-    """A possible direction of the target in the world.
-
-    Parameters:
-        azimuth, elevation (rad), across_variance, elevation_variance (rad^2): the direction and its errors.
-        weight: probability of the place.
-        visible: probability that a camera that looks there for the first time finds the target, if it is there.
-        rate (rad/s): of the azimuth.
-    """
-
-    azimuth: float
-    elevation: float
-    across_variance: float
-    elevation_variance: float
-    weight: float
-    visible: float
-    rate: float = 0.0
 
 
 class Sight(NamedTuple):
@@ -93,7 +79,7 @@ class GimbalReach:
     def nearest(self, direction: Matrix) -> Matrix:
         """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
         reached = self.reachable(direction[None])
-        off = [angles_to_direction(*angles) @ direction for angles in reached]
+        off = [angles_to_direction(*each) @ direction for each in reached]
         return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
 
     def times(self, looks: Matrix, now: Matrix) -> Matrix:
@@ -109,7 +95,8 @@ class LookPlanner:
     """
 
     def __init__(self, gimbal: GimbalMount) -> None:
-        self._reach = GimbalReach(gimbal)
+        self._gimbal, self._reach = gimbal, GimbalReach(gimbal)
+        self._sight: Sight | None = None  # of the newest image
         self._since: float | None = None  # first of the looks in a row
         self._rests_until = self._planned = -math.inf
         self._look: Matrix | None = None  # direction in the world
@@ -121,51 +108,73 @@ class LookPlanner:
         self._since, self._look, self._due, self._rests_until = None, None, math.inf, -math.inf
         self._glances.clear()
 
-    def see(self, sight: Sight) -> None:
-        """Note that an image did not show the target: the longer it is in view without being seen, the less visible it is."""
+    def on_image(self, time: float, image: CameraMeasurement, motion: RigMotion, shows_target: bool) -> None:
+        """Note where the camera looked: the longer something is in view without being seen, the less visible it is.
+
+        Parameters:
+            time (s): capture time.
+            image: the measurement.
+            motion: of the rig.
+            shows_target: whether the target was seen.
+        """
+        self._sight = Sight(time, np.array(motion.attitude(time)) @ np.array(image.view), image.half_view, image.half_height)
         before = self._glances[-1][1].time if self._glances else -math.inf
-        if not before < sight.time:
+        if shows_target or not before < time:
             return
-        self._glances.append((min(sight.time - before, GLANCE_S), sight))
-        while self._glances[0][1].time < sight.time - GLANCES_KEPT_S:
+        self._glances.append((min(time - before, GLANCE_S), self._sight))
+        while self._glances[0][1].time < time - GLANCES_KEPT_S:
             self._glances.popleft()
 
-    def plan(self, time: float, find_places: Callable[[], Sequence[Place]], sight: Sight | None, mount_in_world: Matrix
-             ) -> Matrix | None:
-        """Direction (3,) in the world to look at; None when no look is requested.
+    def plan(self, time: float, components: Sequence[GaussianComponent], visible: float, motion: RigMotion
+             ) -> tuple[float, float] | None:
+        """Azimuth and elevation (rad) in the body's frame to look at; None when no look is requested.
 
         Parameters:
             time (s): time of the request.
-            find_places: returns the possible directions; it is called every REPLAN_S only.
-            sight: of the newest image, None without one: then there is no camera to look with.
-            mount_in_world (3, 3): rotation matrix from the gimbal's mount to the world.
+            components: possible directions of the target.
+            visible: probability that a camera that looks at the target for the first time finds it.
+            motion: of the rig.
         """
-        if abs(time - self._planned) < REPLAN_S:
-            return self._look
+        if abs(time - self._planned) >= REPLAN_S:
+            self._replan(time, components, visible, motion)
+        if self._look is None:
+            return None
+        x, y, z = self._look.tolist()
+        return angles(turned_back(motion.attitude(time), (x, y, z)))
+
+    def _replan(self, time: float, components: Sequence[GaussianComponent], visible: float, motion: RigMotion) -> None:
         if time < self._planned:
             self.cancel()
         elif time > self._planned + FORGET_S:
             self._since, self._look, self._rests_until = None, None, -math.inf
         self._planned = time
-        places = find_places() if sight is not None and time >= self._rests_until else []
-        if sight is None or not places:
+        sight = self._sight    # without a new one there is no camera to look with
+        if sight is None or abs(time - sight.time) > NEWEST_IMAGE_S or time < self._rests_until or not components:
             self._look = None
-            return None
+            return
         self._since = time if self._since is None else self._since
         if time - self._since > BUDGET_S or (time > self._due and not self._sees_look(sight)):
             self._look = None
         else:
-            self._look = self._best(places, sight, mount_in_world)
+            self._look = self._best(components, visible, sight, self._mount(time, motion))
         if self._look is None:
             self._since, self._due, self._rests_until = None, math.inf, time + REST_S
-        return self._look
+
+    def _mount(self, time: float, motion: RigMotion) -> Matrix:
+        """Rotation matrix (3, 3) from the gimbal's mount to the world."""
+        if not self._gimbal.stabilized:
+            return np.array(motion.attitude(time)) @ self._gimbal.mount.rotation
+        yaw = motion.yaw(time)
+        heading = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+        return heading @ self._gimbal.mount.rotation
 
     def _sees_look(self, sight: Sight) -> bool:
         return self._look is not None and bool(in_view(self._look[None], sight.camera_in_world, sight.half_view,
                                                        sight.half_height)[0])
 
-    def _best(self, places: Sequence[Place], sight: Sight, mount_in_world: Matrix) -> Matrix | None:
-        points, shares, visible = self._points(places)
+    def _best(self, components: Sequence[GaussianComponent], visibility: float, sight: Sight, mount_in_world: Matrix
+              ) -> Matrix | None:
+        points, shares, visible = self._points(components, visibility)
         looks = self._reach.reachable(points @ mount_in_world)
         if self._look is not None:
             looks = np.vstack([looks, self._reach.nearest(self._look @ mount_in_world)])
@@ -174,7 +183,7 @@ class LookPlanner:
         cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
         now = self._reach.nearest(sight.camera_in_world[:, 0] @ mount_in_world)
         way = self._reach.times(looks, now)
-        rates = np.repeat([place.rate for place in places], shares.shape[1])
+        rates = np.repeat([one.across_rate / max(math.cos(one.elevation), 0.2) for one in components], shares.shape[1])
         seen = np.array([in_view(_turned(points, rates * time), camera, sight.half_view, sight.half_height)
                          for time, camera in zip(way, cameras, strict=True)])
         chance = seen @ (shares * visible).ravel()
@@ -189,24 +198,24 @@ class LookPlanner:
             self._due = self._planned + float(way[best]) + ARRIVAL_S
         return cameras[best][:, 0]
 
-    def _points(self, places: Sequence[Place]) -> tuple[Matrix, Matrix, Matrix]:
-        """Points (n * k, 3) that stand for n places, their probabilities (n, k), and those that they are visible (n, k).
+    def _points(self, components: Sequence[GaussianComponent], visibility: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Points (n * k, 3) that stand for n components, their probabilities (n, k), and those that they are visible (n, k).
 
         Fog that hides a target in one image hides it in the next: what was looked at is either elsewhere, or hidden.
         """
         points, shares, visible = [], [], []
-        total = sum(place.weight for place in places)
-        for place in places:
-            across = np.array(OFFSETS[1:4]) * math.sqrt(min(place.across_variance, 1.0))
-            up = np.array(OFFSETS) * math.sqrt(min(place.elevation_variance, 1.0))
-            elevation = np.clip(place.elevation + up, -0.5 * math.pi, 0.5 * math.pi)[:, None]
-            azimuth = place.azimuth + across[None] / np.maximum(np.cos(elevation), 0.2)
+        total = sum(component.weight for component in components)
+        for component in components:
+            across_sigma, up_sigma = np.sqrt(np.minimum(np.diag(component.covariance)[:2], 1.0))
+            across, up = np.array(OFFSETS[1:4]) * across_sigma, np.array(OFFSETS) * up_sigma
+            elevation = np.clip(component.elevation + up, -0.5 * math.pi, 0.5 * math.pi)[:, None]
+            azimuth = component.azimuth + across[None] / np.maximum(np.cos(elevation), 0.2)
             directions = angles_to_direction(azimuth, elevation).reshape(-1, 3)
-            unseen = place.visible * MISSED ** (self._looked_at(directions) / GLANCE_S)
-            remaining = 1.0 - place.visible + unseen
+            unseen = visibility * MISSED ** (self._looked_at(directions) / GLANCE_S)
+            remaining = 1.0 - visibility + unseen
             share = np.outer(WEIGHTS, WEIGHTS[1:4]).ravel() * remaining
             points.append(directions)
-            shares.append(place.weight / total * share / share.sum())
+            shares.append(component.weight / total * share / share.sum())
             visible.append(unseen / np.maximum(remaining, 1e-9))
         return np.vstack(points), np.array(shares), np.array(visible)
 
@@ -238,8 +247,8 @@ def _turned(directions: Matrix, angles: Matrix) -> Matrix:
 def information(seen: Matrix, shares: Matrix, visible: Matrix) -> Matrix:
     """Information (nats) about the direction of the target that is expected of each of m looks, (m,).
 
-    A look that shows the target leaves no uncertainty; one that does not, the entropy of the posterior. Within a place, which
-    way the target is off its centre counts as much as in which place it is: the camera measures both.
+    A look that shows the target leaves no uncertainty; one that does not, the entropy of the posterior. Within a component,
+    which way the target is off its mean counts as much as in which component it is: the camera measures both.
 
     Parameters:
         seen (m, n, k): whether a look has a point in view, 0..1.
