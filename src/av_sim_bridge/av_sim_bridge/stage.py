@@ -155,16 +155,17 @@ class BridgeStage:
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number."""
-        state = self._truth.take(datagram, arrival, sender)
-        if state is None:
+        taken = self._truth.take(datagram, arrival, sender)
+        if taken is None:
             return []
-        header = messages.make_header(state.stamp, MAP_FRAME)
-        if state.copter_id == RIG:
-            message = messages.odometry_message(header, BASE_FRAME, state.state)
+        number, state, stamp = taken
+        header = messages.make_header(stamp, MAP_FRAME)
+        if number == RIG:
+            message = messages.odometry_message(header, BASE_FRAME, state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
-        topic = self.target_topics[state.copter_id]
-        return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state.state))]
+        topic = self.target_topics[number]
+        return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state))]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of an inertial measurement of the rig."""

@@ -73,7 +73,7 @@ class Decoders:
         self.images, self.boxes, self.states, self.depths, self.gimbal = [], [], [], [], []
         stamps = CaptureStamps()
         self.image_stream, self.depth_stream = ImageStream(self.clock, stamps), ImageStream(self.clock, stamps, 'image depth')
-        self.truth = TruthStream(self.clock)
+        self.truth = TruthStream(self.clock, dict.fromkeys(range(1, 40), 'truth'))
 
     def take_image(self, *datagram):
         result = self.image_stream.take(*datagram)
@@ -86,8 +86,7 @@ class Decoders:
         self.depths.extend(filter(None, [self.depth_stream.take(*datagram)]))
 
     def take_truth(self, *datagram):
-        state = self.truth.take(*datagram)
-        self.states.append((state.copter_id, state.state, state.stamp))
+        self.states.append(self.truth.take(*datagram))
 
 
 class Listener(Decoders):

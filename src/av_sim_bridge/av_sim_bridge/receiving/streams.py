@@ -170,16 +170,15 @@ class ImageStream:
 
     Parameters:
         clock: the clock that all streams of one simulator share.
-        stamps: stamps shared with other streams of the same camera, such as depth; None for a separate object.
+        stamps: stamps shared with other streams of the same camera, such as depth.
         name: name of the stream.
         most_bytes (bytes): maximum size of an encoded image.
     """
 
-    def __init__(self, clock: CommonClock, stamps: CaptureStamps | None = None, name: str = 'image',
+    def __init__(self, clock: CommonClock, stamps: CaptureStamps, name: str = 'image',
                  most_bytes: int = 4_000_000) -> None:
         self.assembler = ImageAssembler(most_bytes=most_bytes)
-        self._clock, self._name = clock, name
-        self._stamps = stamps or CaptureStamps()
+        self._clock, self._stamps, self._name = clock, stamps, name
         self._newest: tuple[Sender, float] | None = None
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
@@ -200,40 +199,24 @@ class ImageStream:
         return OracleReport(boxes, self._newest[1])
 
 
-@dataclass(frozen=True)
-class StampedState:
-    """State of a vehicle.
-
-    Parameters:
-        copter_id: number of the vehicle in the simulator.
-        state: state in ENU and FLU.
-        stamp (s): time of the state, ROS time.
-    """
-
-    copter_id: int
-    state: VehicleState
-    stamp: float
-
-
 class TruthStream:
     """Decodes states of vehicles to ROS frames and ROS time.
 
     Parameters:
         clock: the clock that all streams of one simulator share.
-        names: name of the stream of each vehicle by its number; other vehicles are left out. None takes all.
+        names: name of the stream of each vehicle by its number; other vehicles are left out.
     """
 
-    def __init__(self, clock: CommonClock, names: Mapping[int, str] | None = None) -> None:
+    def __init__(self, clock: CommonClock, names: Mapping[int, str]) -> None:
         self._clock, self._names = clock, names
 
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedState | None:
-        """The state in one datagram, None for another vehicle."""
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[int, VehicleState, float] | None:
+        """Number and state of the vehicle in one datagram, and its time (s, ROS time); None for another vehicle."""
         truth = decode_truth(datagram)
-        name = 'truth' if self._names is None else self._names.get(truth.copter_id)
+        name = self._names.get(truth.copter_id)
         if name is None:
             return None
-        stamp = _date(self._clock, name, sender, truth.time, arrival)
-        return StampedState(truth.copter_id, from_truth(truth), stamp)
+        return truth.copter_id, from_truth(truth), _date(self._clock, name, sender, truth.time, arrival)
 
 
 class ImuStream:

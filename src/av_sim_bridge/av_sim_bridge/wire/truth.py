@@ -4,6 +4,7 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
+from transforms3d.euler import euler2quat
 
 from av_common.frames import is_orientation
 from av_sim_bridge.wire.error import (
@@ -110,12 +111,4 @@ def _decode_short(datagram: bytes) -> VehicleTruth:
     rpm, velocity, euler = np.split(np.array(fields[6:20]), [_MOTORS, _MOTORS + 3])
     check_within(euler, MOST_ANGLE_RAD, 'truth: euler_rad')
     return VehicleTruth(fields[1], fields[2], fields[23], np.array(fields[20:23]), velocity, euler,
-                        _quaternion(*euler), rpm, gps=np.array(fields[3:6]) / [1e7, 1e7, 1e3])
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Quaternion (w, x, y, z) of Euler angles (rad) in the order yaw, pitch, roll (Z-Y'-X'')."""
-    cr, cp, cy = np.cos(np.array([roll, pitch, yaw]) / 2)
-    sr, sp, sy = np.sin(np.array([roll, pitch, yaw]) / 2)
-    return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
-                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
+                        np.array(euler2quat(*euler)), rpm, gps=np.array(fields[3:6]) / [1e7, 1e7, 1e3])
