@@ -115,9 +115,14 @@ class _Offset:
         return self._samples[-1][0] - self._samples[0][0]
 
     @property
+    def is_whole(self) -> bool:
+        """Whether the arrivals are enough to agree, and last for AGREEMENT_S."""
+        return self.end - self.begin >= AGREEMENT_S and len(self._samples) >= FEWEST
+
+    @property
     def agrees(self) -> bool:
         """Whether the arrivals show one constant offset over AGREEMENT_S."""
-        if self.end - self.begin < AGREEMENT_S or len(self._samples) < FEWEST:
+        if not self.is_whole:
             return False
         middle = self._samples[-1][0] - self.span / 2.0
         return abs(self.quantile(1, end=middle) - self.quantile(1, begin=middle)) <= AGREEMENT_ERROR_S
@@ -127,7 +132,7 @@ class _Offset:
         """Whether the offset grows evenly over AGREEMENT_S, by what can be followed: a simulation slower than time."""
         begin, third = self._samples[0][0], self.span / 3.0
         first, second, last = (self.quantile(1, begin + k * third, begin + (k + 1.001) * third) for k in range(3))
-        return (self.span >= 0.9 * AGREEMENT_S and 0.0 < last - first <= 2.0 * third * CHASE
+        return (self.is_whole and 0.0 < last - first <= 2.0 * third * CHASE
                 and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S)
 
 
