@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -265,12 +266,18 @@ def _wander(window: NDArray) -> NDArray:
 def _clipped(samples: NDArray) -> float:
     """Share of the samples (n,) at a level that they reach often and never exceed."""
     low, high = samples.min(), samples.max()
-    share = 0.0
-    for beyond in (high - samples, samples - low):
-        top = np.count_nonzero(beyond <= TOP * 0.5 * (high - low))
-        below = np.count_nonzero(beyond <= 3.0 * TOP * 0.5 * (high - low)) - top
-        share += top / len(samples) if top > LEAST_SPIKE * below and high > low else 0.0
-    return share
+    if high <= low:
+        return 0.0
+    ends, width = (high - samples, samples - low), TOP * 0.5 * (high - low)
+    if any(_spikes(ends, width)):    # of quiet sound the steps of the converter may be wider
+        width = max(width, float(np.diff(np.unique(samples)).min()))
+    return sum(_spikes(ends, width)) / len(samples)
+
+
+def _spikes(ends: Sequence[NDArray], width: float) -> list[int]:
+    """Samples within a width of each end, 0 where these are no more than of any sound; `ends` are distances (n,) from them."""
+    counts = [[int(np.count_nonzero(beyond <= part * width)) for part in (1.0, 3.0)] for beyond in ends]
+    return [top if top > LEAST_SPIKE * (near - top) else 0 for top, near in counts]
 
 
 def _copies(sound: NDArray, power: NDArray, dead: NDArray) -> list[tuple[int, ...]]:

@@ -57,6 +57,14 @@ def test_a_fault_of_a_channel_is_named(array):
         assert told and all(words in text and of_which in text for text in told), (name, told)
 
 
+@pytest.mark.parametrize('steps', [2.0, 5.0, 30.0])
+def test_quiet_sound_of_few_steps_of_the_converter_does_not_clip(steps):
+    """Standard deviation in such steps."""
+    sound = drone(PAIR, snr_db=5.0)
+    sound *= steps / sound.std()
+    assert not hear(np.round(sound) * 2.0**-15)
+
+
 @pytest.mark.parametrize('gain', [1.0, 0.3])
 def test_one_microphone_in_two_channels_is_named(gain):
     sound = drone(SQUARE)
