@@ -34,7 +34,7 @@ def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row
     clip, followed = '', None
     for result in results:
         if result.clip != clip:
-            clip, tracker, followed = result.clip, Tracker(1.0, model), None
+            clip, tracker, followed = result.clip, Tracker(model), None
         seen, labels = result.seen, result.labels
         before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.boxes, one.scores.mean[0])
                   for one in tracker.tracks}

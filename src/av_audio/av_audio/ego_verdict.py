@@ -48,20 +48,17 @@ class Verdict(NamedTuple):
                 f'{self.heard_db:.0f} dB louder; {deaf}')
 
 
-def judge(recording: NoiseRecording, array: MicrophoneArray, settings: LocalizerSettings | None = None,
-          seed: int = 0) -> Verdict:
+def judge(recording: NoiseRecording, array: MicrophoneArray) -> Verdict:
     """Hear targets from all sides under one half of the recording, with the other half as what is known of the rig.
 
     Parameters:
         recording: of the rig alone.
         array: positions of the microphones.
-        settings: of the localizer.
-        seed: of the targets, which are noise within the band.
 
     Raises ValueError for a recording that does not fit the array or is too short.
     """
-    settings = settings or LocalizerSettings()
-    rate, rng = recording.sample_rate, np.random.default_rng(seed)
+    settings = LocalizerSettings()
+    rate, rng = recording.sample_rate, np.random.default_rng(0)    # of the targets, which are noise within the band
     if len(recording.samples) < 2.0 * MIN_DURATION_S * rate:
         raise ValueError(f'{recording.name} lasts {len(recording.samples) / rate:.1f} s, expected {2.0 * MIN_DURATION_S:g} s '
                          'or more: one half rates the other')

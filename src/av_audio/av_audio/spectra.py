@@ -10,6 +10,8 @@ from scipy import fft  # scipy.signal would double the time in which a node star
 LEAST_RESPONSE = 0.1
 # Up to this share of half of the sample rate converters pass what they sample.
 CONVERTED_SHARE = 0.92
+# Of the low-pass prototype: 24 dB per octave beyond either edge.
+ORDER = 4
 # The sound of drones fades above.
 HIGHEST_HZ = 8000.0
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
@@ -27,14 +29,12 @@ class SpectrumAnalyzer:
         sample_rate (Hz): sample rate.
         window_samples: length of the window.
         band_hz (Hz): lower and upper edge of the band, at most half of the sample rate; what converters filter is left out.
-        order: order of the filter.
         highest_hz (Hz): bins above the band that are kept, up to this frequency.
 
     Raises ValueError when the band does not fit the sample rate or the window is too short for it.
     """
 
-    def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], order: int = 4,
-                 highest_hz: float = 0.0) -> None:
+    def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], highest_hz: float = 0.0) -> None:
         low, high = band_hz
         converted = CONVERTED_SHARE * sample_rate / 2.0
         if not (0.0 < low < high <= sample_rate / 2.0 and low < converted):
@@ -42,7 +42,7 @@ class SpectrumAnalyzer:
                              f'half of the sample rate')
         high = min(high, converted)
         frequencies = fft.rfftfreq(window_samples, 1.0 / sample_rate)
-        response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), order)
+        response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), ORDER)
         above = (frequencies > high) & (frequencies <= highest_hz)
         used = np.flatnonzero((response > LEAST_RESPONSE) | above)
         passed = np.count_nonzero(response > LEAST_RESPONSE)

@@ -40,11 +40,10 @@ class RefusedInputs:
 
     Parameters:
         logger: function that returns the node's logger.
-        now: monotonic clock in s.
     """
 
-    def __init__(self, logger: Callable[[], Any], now: Callable[[], float] = time.monotonic) -> None:
-        self._logger, self._now = logger, now
+    def __init__(self, logger: Callable[[], Any]) -> None:
+        self._logger = logger
         self._sources: dict[str, _Source] = {}
         self._lock = threading.Lock()
 
@@ -63,7 +62,7 @@ class RefusedInputs:
         with self._lock:
             entry = self._sources.setdefault(source, _Source())
             entry.count += 1
-            entry.reason, entry.newest = reason, self._now()
+            entry.reason, entry.newest = reason, time.monotonic()
             entry.level = DiagnosticStatus.ERROR if unexpected else DiagnosticStatus.WARN
             log = kind not in entry.logged and len(entry.logged) < LOGGED_REASONS
             entry.logged.add(kind) if log else None
@@ -83,5 +82,5 @@ class RefusedInputs:
         with self._lock:
             for name, entry in self._sources.items():
                 status.add(f'{name} refused', str(entry.count))
-                if self._now() - entry.newest <= RECENT_S:
+                if time.monotonic() - entry.newest <= RECENT_S:
                     status.mergeSummary(entry.level, f'{name} refused: {entry.reason}')

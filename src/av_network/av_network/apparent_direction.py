@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.acoustics import speed_of_sound
+from av_network import sphere
 
 SOUND_SPEED = speed_of_sound()  # m/s, in air of 20 degrees Celsius
 LEAST_DISTANCE_M = 0.5  # nearer, no direction of a point is measured
@@ -59,9 +60,6 @@ def apparent_directions(positions: NDArray[np.float64], velocities: NDArray[np.f
     shift = np.eye(3) - slowness[:, None, None] * velocities[:, :, None] * unit[:, None, :]
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     elevation = np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
-    sine, cosine, rise = np.sin(azimuth), np.cos(azimuth), np.sin(elevation)
-    axes = np.stack([np.stack([-sine, cosine, 0.0 * sine], 1),
-                     np.stack([-rise * cosine, -rise * sine, np.cos(elevation)], 1)], 1)
-    by_position = (axes / distance[:, None, None]) @ shift
+    by_position = (sphere.axes(np.stack([azimuth, elevation], 1)) / distance[:, None, None]) @ shift
     return ApparentDirections(azimuth, elevation, distance, by_position, (ahead - delay)[:, None, None] * by_position,
                               np.einsum('nij,nj->ni', by_position, velocities))

@@ -85,19 +85,17 @@ class Step:
     truth: list[TruthSample]
 
 
-def open_world(scenario: str | Path | Scenario, rig: str | Path = '', seed: int | None = None,
-               sample_rate: int = 48_000) -> World:
+def open_world(scenario: str | Path | Scenario, rig: str | Path = '', seed: int | None = None) -> World:
     """The world of a scenario. Raises ConfigError or OSError for unreadable files.
 
     Parameters:
         scenario: name of a shipped scenario, path of a file, or a Scenario.
         rig: name or path of the rig's description; empty for the scenario's.
         seed: seed, None for the scenario's.
-        sample_rate (Hz): sample rate of the microphones.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(find_config(str(scenario), 'scenarios'))
-    return World(scenario, load_rig(find_config(str(rig or scenario.rig.description))), seed, sample_rate)
+    return World(scenario, load_rig(find_config(str(rig or scenario.rig.description))), seed)
 
 
 def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = 100.0,

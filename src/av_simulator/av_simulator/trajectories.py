@@ -202,25 +202,25 @@ Trajectory = Annotated[Any, TRAJECTORIES]
 Position = Callable[[NDArray], NDArray]
 
 
-def velocity(position: Position, times: ArrayLike, step: float = 1e-3) -> NDArray:
+def velocity(position: Position, times: ArrayLike) -> NDArray:
     """Velocities (m/s, (k, 3)) along a trajectory, by central differences.
 
     Parameters:
         position: the trajectory.
         times (s, (k,)): times.
-        step (s): step of the differences.
     """
     t = np.atleast_1d(np.asarray(times, float))
+    step = 1e-3    # s
     return (position(t + step) - position(t - step)) / (2 * step)
 
 
-def acceleration(position: Position, times: ArrayLike, step: float = 5e-3) -> NDArray:
+def acceleration(position: Position, times: ArrayLike) -> NDArray:
     """Accelerations (m/s^2, (k, 3)) along a trajectory, by central differences.
 
     Parameters:
         position: the trajectory.
         times (s, (k,)): times.
-        step (s): step of the differences.
     """
     t = np.atleast_1d(np.asarray(times, float))
+    step = 5e-3    # s
     return (position(t + step) - 2 * position(t) + position(t - step)) / step**2

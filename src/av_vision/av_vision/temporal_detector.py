@@ -30,13 +30,11 @@ class TemporalDetector:
 
     Parameters:
         detector: finds candidate boxes in one image.
-        max_gap_s (s): time for which a track is kept without a detection.
         temporal_fusion: whether scores are fused over images.
         planner: selects the parts of each image that are searched; None searches all of it.
     """
 
-    def __init__(self, detector: Detector, max_gap_s: float = 1.0, temporal_fusion: bool = True,
-                 planner: RegionPlanner | None = None) -> None:
+    def __init__(self, detector: Detector, temporal_fusion: bool = True, planner: RegionPlanner | None = None) -> None:
         self.detector, self.planner = detector, planner
         model = ScoreFusionModel.from_metadata(detector.model.metadata) if temporal_fusion else SINGLE_IMAGE
         # Without memory, boxes below the threshold are not used.
@@ -44,7 +42,7 @@ class TemporalDetector:
         # A threshold that the user sets holds for tracks, too.
         self._threshold = detector.settings.score_threshold or self.model.threshold
         self._motion = MotionModel.from_metadata(detector.model.metadata) if self.model.memory_s else MotionModel()
-        self._tracker = Tracker(max_gap_s, self.model)
+        self._tracker = Tracker(self.model)
         self._shape: tuple[int, ...] | None = None
         self._pose: CameraPose | None = None
 

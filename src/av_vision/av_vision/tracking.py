@@ -22,6 +22,7 @@ from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel, 
 
 # A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
 BEGIN = 0.1
+MAX_GAP_S = 1.0  # for which a track is kept without a detection
 SMOOTHING = 0.4  # weight of the newest velocity
 IMPOSSIBLE = 1e6  # more than any log-odds, so that such a pair is never selected instead of possible ones
 # Fitted by training/detector/continued.py to 1,354 boxes that continue labelled drones, birds and aircraft of 26 clips.
@@ -128,12 +129,10 @@ class Tracker:
     A box that is more likely something else continues no track, which was missed then.
 
     Parameters:
-        max_gap_s (s): time for which a track is kept without a detection.
         model: statistics of the scores of a track.
     """
 
-    def __init__(self, max_gap_s: float = 1.0, model: ScoreFusionModel = SINGLE_IMAGE) -> None:
-        self._max_gap_s = max_gap_s
+    def __init__(self, model: ScoreFusionModel = SINGLE_IMAGE) -> None:
         self._model = model
         self._begin = BEGIN if model.memory_s > 0.0 else 0.0
         self._tracks: list[ImageTrack] = []
@@ -168,7 +167,7 @@ class Tracker:
         """
         if any(time < track.time for track in self._tracks):
             self.reset()
-        self._tracks = [track for track in self._tracks if time - track.time <= self._max_gap_s]
+        self._tracks = [track for track in self._tracks if time - track.time <= MAX_GAP_S]
         found: list[ImageTrack | None] = [None] * len(candidates)
         odds = self._assign(candidates, time)
         for row, column in odds:

@@ -20,7 +20,7 @@ def numbers(tracker, candidates, time):
 
 
 def test_a_number_survives_a_gap_and_not_a_long_one():
-    tracker = Tracker(max_gap_s=1.0)
+    tracker = Tracker()
     for k in range(10):
         assert numbers(tracker, seen((100 + 6 * k, 50)), k / 30) == [1]
     for k in range(10, 25):

@@ -46,6 +46,7 @@ LATEST_S, MOST_WRONG = 5.0, 0.01
 LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimbal shows the drone
 DURATION_S, EARS_S = 10.0, 20.0  # after which a start counts as unresolved; the same at a head
 WRONG_BY = math.radians(20.0)  # rad; as `OUTLIER_DEG` of the metrics
+FASTEST_DEG = 20.0  # degrees/s, of the drone around the rig
 SAME = math.radians(10.0)  # hypotheses closer together count as one
 FIXED = math.radians(45.0)  # rad, of the publication
 METHODS = {
@@ -92,17 +93,16 @@ class Resolution:
     probability: float
 
 
-def draw_starts(count: int, seed: int = 1, fastest_deg: float = 20.0) -> list[Start]:
+def draw_starts(count: int, seed: int = 1) -> list[Start]:
     """Random starts behind the rig: azimuth 90 to 270 degrees, ratio 0 to 20 dB, rate in both directions, all uniform.
 
     Parameters:
         count: of starts.
         seed: of the random draws.
-        fastest_deg (degrees/s): largest rate.
     """
     random = np.random.default_rng(seed)
     drones = sorted(file.stem for file in find_config('camera_quadrotor', 'drones').parent.glob('*.yaml'))
-    return [Start(float(random.uniform(90.0, 270.0)), float(random.uniform(-fastest_deg, fastest_deg)),
+    return [Start(float(random.uniform(90.0, 270.0)), float(random.uniform(-FASTEST_DEG, FASTEST_DEG)),
                   float(random.uniform(0.0, 20.0)), str(random.choice(drones)), 1000 * seed + k) for k in range(count)]
 
 

@@ -35,6 +35,7 @@ STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000  # Hz, of RFlySim
 POSE_RATE = 100.0  # Hz, of odometry and of the gimbal's orientation, as the live simulator sends them
 EGO_NOISE_S = 10.0  # length of the record of the rig alone, for rigs with rotors
+IMAGE_EVERY = 2  # steps from one image to the next: 15 Hz, as the live simulator sends them
 SILENT_DB = -120.0  # below what 16 bits hold
 
 
@@ -53,14 +54,12 @@ class OfflineRun:
         pointing: turns the rig and its gimbal by its commands; where None the rig moves as the scenario says.
         estimators: further methods of direction finding to record.
         detection: detects in rendered images; where None the simulator's visual oracle gives the detections.
-        image_every: steps of 1/30 s from one image to the next.
         settings: of the localizer; the temperature is the scenario's.
     """
 
     def __init__(self, scenario: Scenario, rig: Rig, tracker: Tracker, seed: int | None = None,
                  pointing: PointingController | None = None, estimators: tuple[str, ...] = (),
-                 detection: DetectionStage | None = None, image_every: int = 2,
-                 settings: LocalizerSettings | None = None) -> None:
+                 detection: DetectionStage | None = None, settings: LocalizerSettings | None = None) -> None:
         self.world = World(scenario, rig, seed, SAMPLE_RATE)
         settings = replace(settings or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
         ego_noise = ego_noise_of(scenario, rig, self.world.seed) if scenario.noise.ego_rotors else None
@@ -71,7 +70,7 @@ class OfflineRun:
         self._pointing = PointingStage(pointing) if pointing is not None else None
         self._renderer = self.world.renderer() if detection is not None else None
         self._oracle = Oracle(rig.camera.model, self.world.solids(), rig.camera.kind == 'thermal')
-        self._image_every, self._duration = image_every, scenario.duration
+        self._duration = scenario.duration
         self._comparison = TrackComparison() if len(scenario.targets) > 1 else None
         self._compared = math.nan   # time of the tracks that were compared last
 
@@ -100,7 +99,7 @@ class OfflineRun:
             for moment in [*times(begin, now - 1e-6, POSE_RATE), now]:
                 odometry = self._log_truth(moment)
             self.rig.on_samples(samples, SAMPLE_RATE, now)
-            if count % self._image_every == 0:
+            if count % IMAGE_EVERY == 0:
                 self._observe(self.world.view(count, now), now)
             self.rig.advance(now)
             if self._pointing is not None and self.rig.bearing is not None:

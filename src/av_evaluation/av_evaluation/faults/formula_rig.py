@@ -353,10 +353,10 @@ class FormulaRig:
         return len(self.following(after, until)) / max(len(self.between(after, until)), 1)
 
 
-def detection(column: float, row: float, score: float, name: str = 'drone') -> Detection2D:
+def detection(column: float, row: float, score: float) -> Detection2D:
     """A box of BOX pixels around a place."""
     result = ObjectHypothesisWithPose()
-    result.hypothesis.class_id, result.hypothesis.score = name, float(score)
+    result.hypothesis.class_id, result.hypothesis.score = 'drone', float(score)
     found = Detection2D(results=[result])
     found.bbox.center.position.x, found.bbox.center.position.y = float(column), float(row)
     found.bbox.size_x = found.bbox.size_y = BOX

@@ -20,6 +20,7 @@ from av_simulator.sound.noise import Noise, Wind
 from av_simulator.sound.source_signals import SourceSignal
 from av_simulator.sound.stream import spl_to_pascal
 
+SEED = 0  # of everything
 RATE = 24_000  # Hz
 TEMPERATURE_C, HUMIDITY_PERCENT = 20.0, 50.0  # of the air, which absorbs sound
 POOL_S, HEARD_S, WINDOW_S = 12.0, 1.1, 0.5  # of sound that is rendered once; heard before a judgement; of a window
@@ -62,14 +63,13 @@ class Scene:
         drone: its sound.
         place: what else is heard.
         array: the microphones.
-        seed: of everything.
     """
 
-    def __init__(self, drone: SourceSignal, place: Place, array: MicrophoneArray, seed: int = 0) -> None:
-        self._array, self._rng = array, np.random.default_rng(seed)
+    def __init__(self, drone: SourceSignal, place: Place, array: MicrophoneArray) -> None:
+        self._array, self._rng = array, np.random.default_rng(SEED)
         self._c, count = speed_of_sound(TEMPERATURE_C), round(POOL_S * RATE)
-        self._drone = drone.stream(RATE, [seed], lambda times: np.zeros((len(times), 3))).read(0, count)
-        self._noise = _noise(place, array, self._c, count, seed)
+        self._drone = drone.stream(RATE, [SEED], lambda times: np.zeros((len(times), 3))).read(0, count)
+        self._noise = _noise(place, array, self._c, count)
         settings = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, temperature_c=TEMPERATURE_C)
         model = load_model('')
         assert model is not None  # of the shipped one
@@ -135,10 +135,10 @@ def _azimuth(rng: Generator, array: MicrophoneArray) -> float:
     return float(rng.uniform(-1.0, 1.0) * (PAIR_RAD if array.rank == 1 else np.pi))
 
 
-def _noise(place: Place, array: MicrophoneArray, c: float, count: int, seed: int) -> NDArray:
+def _noise(place: Place, array: MicrophoneArray, c: float, count: int) -> NDArray:
     """Pressure (m, n) in Pa at the microphones; the ambient part has the A-weighted level of the place."""
     def rendered(noise: Noise) -> NDArray:
-        return noise.stream(RATE, array.positions, c, [seed, 7]).read(0, count)
+        return noise.stream(RATE, array.positions, c, [SEED, 7]).read(0, count)
     ambient = rendered(Noise(self_noise_db_spl=None, urban_db_spl=60.0, urban_swing_db=0.0))
     weighted = np.fft.irfft(np.fft.rfft(ambient[0]) * _a_weight(np.fft.rfftfreq(count, 1.0 / RATE)), count)
     ambient *= spl_to_pascal(place.ambient_dba) / np.std(weighted)

@@ -22,6 +22,7 @@ _GROUND = np.array([60.0, 95.0, 85.0])  # blue, green, red
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
 _SKY_DISTANCE = 1500.0  # m, length of the path through fog to the sky
 _COARSE = 2            # sky and ground are smooth and therefore drawn at half the resolution
+_NOISE = 2.5           # grey levels, standard deviation of the sensor noise
 _NOISES = 8            # number of noise images, which are used in turn
 _SUBPIXEL = 4          # fractional bits of OpenCV's coordinates
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -35,11 +36,9 @@ class FlatRenderer:
         scene: solids, ground and sky.
         seed: seed of scene, texture and noise.
         obstacles: solids in addition to those of the scene.
-        noise (grey levels): standard deviation of the sensor noise.
     """
 
-    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (),
-                 noise: float = 2.5):
+    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = ()):
         self._camera = camera
         random = np.random.default_rng([seed, 11])
         width, height = camera.width // _COARSE, camera.height // _COARSE
@@ -48,7 +47,7 @@ class FlatRenderer:
         self._rays = camera.scaled(width, height).rays(pixels).astype(np.float32)
         self._shape = (height, width)
         self._texture = gaussian_filter(random.normal(0.0, 30.0, (256, 256)), 1.5, mode='wrap').astype(np.float32)
-        self._noise = np.clip(random.normal(128.0, noise, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
+        self._noise = np.clip(random.normal(128.0, _NOISE, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
             .astype(np.uint8).repeat(3, axis=3)
         self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
         self._oracle = Oracle(camera, self._solids)

@@ -14,6 +14,7 @@ from scipy.signal import oaconvolve
 
 CHUNK = 4096        # samples
 SIGNAL_CHUNKS = 64  # number of cached chunks of a signal: 5 s at 48 kHz, more than the delay over 1.5 km
+BAND_POWER_S = 4.0  # of the start of a stream, from which its power is taken
 REFERENCE_PA = 20e-6  # of sound pressure levels
 _TERMS = 24           # sines of a slow random variation
 
@@ -72,16 +73,15 @@ def filtered(source: Stream, response: NDArray) -> Stream:
     return Stream(make)
 
 
-def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float], duration_s: float = 4.0) -> float:
+def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float]) -> float:
     """Mean power of the start of a stream within a band, averaged over channels, from the periodogram (Parseval).
 
     Parameters:
         stream: the stream.
         sample_rate (Hz): sample rate.
         band_hz (Hz): lower and upper end of the band.
-        duration_s (s): length of the evaluated start.
     """
-    samples = stream.read(0, int(duration_s * sample_rate))
+    samples = stream.read(0, int(BAND_POWER_S * sample_rate))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
     frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)
     inside = (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
