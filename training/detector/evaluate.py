@@ -111,9 +111,11 @@ def by_kind(results: list[FrameResult], m: Measurement, threshold: float, clips:
     for low, high in BANDS:
         mine = (sizes >= low) & (sizes < high)
         if mine.any():
-            found = mine[right].sum() / mine.sum()
-            print(f'           drones of {low:3}-{high:3} px: found {found:.3f} of {mine.sum()}')
-            rows.append((f'... drones of {low} to {high} pixels found', '', f'{found:.2f} of {mine.sum()}'))
+            found, hits = mine[right].sum() / mine.sum(), m.hits & (m.scores >= threshold) & mine[m.frames]
+            sigma = np.sqrt(0.5 * np.mean(m.offsets[hits]**2)) if hits.any() else np.nan  # of each axis
+            print(f'           drones of {low:3}-{high:3} px: found {found:.3f} of {mine.sum()}, centres within {sigma:.2f} px')
+            rows.append((f'... drones of {low} to {high} pixels found, error of their centres', '',
+                         f'{found:.2f} of {mine.sum()}, {sigma:.1f} px'))
     for name in np.unique(clip) if clips else ():
         mine = clip == name
         print(f'           {name:17} found in {mine[right].sum():3}, false in {mine[wrong].sum():3} of {mine.sum():3}')
