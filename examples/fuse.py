@@ -31,7 +31,7 @@ for step in steps(world, seconds, image_rate=5.0):
             tracker.add_doas([DoaMeasurement.of_cone(estimate.time, cone, float(estimate.confidence[0]))])
     for view, image in step.images:
         boxes = detector.detect(image.bgr)
-        seen = bearings_of_boxes(camera.model, boxes.centres, boxes.sizes)
+        seen = bearings_of_boxes(camera.model, boxes.centres, boxes.sizes, boxes.scores)
         tracker.add_camera(CameraMeasurement(view.time, tuple(
             Detection(*each) for each in zip(seen.azimuth, seen.azimuth_variance, boxes.scores, seen.elevation + tilt,
                                              seen.elevation_variance, strict=True))))

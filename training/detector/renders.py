@@ -153,7 +153,7 @@ def simulator(detector: Detector, threshold: float, count: int) -> None:
                 best.append(float(found.scores[good[0]]) if good.size else 0.0)
                 if good.size and found.scores[good[0]] >= threshold:
                     hits += 1
-                    seen = bearings_of_boxes(camera, found.centres[good[:1]], found.sizes[good[:1]])
+                    seen = bearings_of_boxes(camera, found.centres[good[:1]], found.sizes[good[:1]], [1.0])
                     away = FLU_TO_OPTICAL.T @ view.to_optical(drone.position[None])[0]
                     errors.append(np.degrees(seen.azimuth[0] - np.arctan2(away[1], away[0])))
             rms = np.sqrt(np.mean(np.square(errors))) if errors else np.nan

@@ -93,7 +93,7 @@ def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLi
         centres, sizes (n, 2; pixels), scores (n,): boxes of the detections.
         rotation (3, 3): turns vectors of the camera's optical frame into the body frame.
     """
-    columns = (*bearings_of_boxes(camera, centres, sizes), np.ravel(scores))
+    columns = (*bearings_of_boxes(camera, centres, sizes, scores), np.ravel(scores))
     rows = rows_of(rotation @ FLU_TO_OPTICAL)
     detections = []
     for azimuth, elevation, variance, elevation_variance, score in zip(*(column.tolist() for column in columns), strict=True):
