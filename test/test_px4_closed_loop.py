@@ -15,6 +15,7 @@ from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, Mode, PointingController
+from av_px4.commands import pitch_yaw
 from av_px4.frames import pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs
@@ -146,3 +147,4 @@ def test_follows_a_target_at_20_deg_a_second_within_2_deg(sign):
         bench.autopilot.advance(0.02)
         errors.append(abs(math.degrees(azimuth + 0.02 * rate) - bench.looks[0]))
     assert max(errors[150:]) < 2.0
+    assert pitch_yaw(azimuth, 0.0, True).params[1] * sign < 0.0

@@ -269,9 +269,10 @@ def _clipped(samples: NDArray) -> float:
     if high <= low:
         return 0.0
     ends, width = (high - samples, samples - low), TOP * 0.5 * (high - low)
-    if any(_spikes(ends, width)):    # of quiet sound the steps of the converter may be wider
-        width = max(width, float(np.diff(np.unique(samples)).min()))
-    return sum(_spikes(ends, width)) / len(samples)
+    spikes = _spikes(ends, width)
+    if any(spikes) and (step := float(np.diff(np.unique(samples)).min())) > width:    # of the converter, in quiet sound
+        spikes = _spikes(ends, step)
+    return sum(spikes) / len(samples)
 
 
 def _spikes(ends: Sequence[NDArray], width: float) -> list[int]:

@@ -20,5 +20,5 @@ def test_full_scale_is_one_and_a_sample_may_come_in_two_parts(data, sample_forma
 
 
 def test_layouts_are_refused():
-    with pytest.raises(BagError, match='S16LE'):
+    with pytest.raises(BagError, match="'MP3', expected one of S16LE"):
         AudioLayout(48_000, 1, 'MP3')

@@ -130,10 +130,11 @@ class _Offset:
     @property
     def grows(self) -> bool:
         """Whether the offset grows evenly over AGREEMENT_S, by what can be followed: a simulation slower than time."""
+        if not self.is_whole:
+            return False
         begin, third = self._samples[0][0], self.span / 3.0
         first, second, last = (self.quantile(1, begin + k * third, begin + (k + 1.001) * third) for k in range(3))
-        return (self.is_whole and 0.0 < last - first <= 2.0 * third * CHASE
-                and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S)
+        return 0.0 < last - first <= 2.0 * third * CHASE and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S
 
 
 class SenderClock:

@@ -1,6 +1,7 @@
 """Track numbers that stay with their things."""
 
 import numpy as np
+import pytest
 
 from av_vision.detections import Candidates
 from av_vision.score_fusion import ScoreFusionModel
@@ -75,3 +76,5 @@ def test_time_that_runs_backwards_begins_anew():
     tracker = Tracker()
     assert numbers(tracker, seen((100, 100)), 10.0) == [1]
     assert numbers(tracker, seen((100, 100)), 0.0) == [2]
+    with pytest.raises(ValueError, match='correlation: 2'):
+        ScoreFusionModel.from_metadata({'score_fusion': '{"correlation": 2.0}'})
