@@ -239,7 +239,7 @@ class SenderClock:
         self._earliest = self._floor if on_time else min(self._earliest - UNSEEN_DRIFT * elapsed, self._offset)
 
     def _propose(self, now: float, offset: float) -> bool:
-        """Add an arrival to the candidates; True when it completes an agreement, which it follows."""
+        """Add an arrival to the candidates; True when it completes an agreement, and is not before its offset."""
         candidate = self._candidate(now, offset)
         if candidate is None:
             return False
@@ -253,7 +253,7 @@ class SenderClock:
         self._accepted, self._candidates, self._order = candidate, [], Order()
         self._offset = self._floor = self._earliest = self._low = candidate.settle()
         self._newest, self._corrected = -math.inf, now
-        return True
+        return offset >= self._offset - self._early
 
     def _candidate(self, now: float, offset: float) -> _Offset | None:
         """The candidate that an arrival joins or begins, None when there is no place for another."""
