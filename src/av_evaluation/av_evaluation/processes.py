@@ -27,15 +27,11 @@ class ProcessSample:
 
     Attributes:
         resident (MiB): its memory, pages shared with other processes included.
-        proportional (MiB): its memory, a page shared by n processes counted as 1/n; 0 where the kernel does not say.
-        private (MiB): memory of no other process.
         threads: number of its threads.
         descriptors: number of its open files, sockets and pipes.
     """
 
     resident: float
-    proportional: float
-    private: float
     threads: int
     descriptors: int
 
@@ -44,9 +40,8 @@ def sample(process_id: int) -> ProcessSample | None:
     """Measure a process, which takes about a millisecond; None where it has ended or belongs to another user."""
     with suppress(psutil.Error):
         process = psutil.Process(process_id)
-        memory, status = process.memory_full_info(), process.status()
-        return None if status == psutil.STATUS_ZOMBIE else ProcessSample(
-            memory.rss / MIB, memory.pss / MIB, memory.uss / MIB, process.num_threads(), process.num_fds())
+        resident, status = process.memory_info().rss / MIB, process.status()
+        return None if status == psutil.STATUS_ZOMBIE else ProcessSample(resident, process.num_threads(), process.num_fds())
     return None
 
 

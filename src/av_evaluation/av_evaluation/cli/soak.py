@@ -6,7 +6,6 @@ Its processes keep memory, threads, descriptors; no sound is lost.
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import re
 import signal
@@ -16,7 +15,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -72,19 +71,15 @@ class ProcessHistory:
         self.times.append(now)
         self.samples.append(taken)
 
-    def column(self, quantity: str) -> NDArray[np.float64]:
-        """One attribute of all samples (n,)."""
-        return np.array([getattr(one, quantity) for one in self.samples], float)
-
     def settled(self, quantity: str, settle: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (n,) and values (n,) of a quantity from `settle` (s) after the first sample on; all where none is so late."""
-        times, values = np.array(self.times), self.column(quantity)
+        times, values = np.array(self.times), np.array([getattr(one, quantity) for one in self.samples], float)
         later = times - times[0] >= settle
         return (times[later], values[later]) if later.any() else (times, values)
 
-    def growth(self, quantity: str, settle: float) -> float:
-        """Median of a quantity over the last minute less that over the first after `settle` (s)."""
-        times, values = self.settled(quantity, settle)
+    def growth(self, settle: float) -> float:
+        """Median of the memory (MiB) over the last minute less that over the first after `settle` (s)."""
+        times, values = self.settled('resident', settle)
         return float(np.median(values[times >= times[-1] - WINDOW_S]) - np.median(values[times <= times[0] + WINDOW_S]))
 
     def span(self, quantity: str, settle: float) -> tuple[int, int]:
@@ -110,7 +105,7 @@ class ProcessHistory:
             found.append(f'ended after {self.times[-1]:.0f} s')
         if self.times[0] > limits.settle:
             found.append(f'started after {self.times[0]:.0f} s')
-        if (grown := self.growth('resident', limits.settle)) > limits.growth:
+        if (grown := self.growth(limits.settle)) > limits.growth:
             found.append(f'grew by {grown:.1f} MiB')
         for quantity in ('threads', 'descriptors'):
             low, high = self.span(quantity, limits.settle)
@@ -180,38 +175,21 @@ def lasting(histories: Sequence[ProcessHistory]) -> list[ProcessHistory]:
 
 
 def format_histories(histories: Sequence[ProcessHistory], limits: Limits, end: float) -> str:
-    """A table with a row for each process: memory after settling, growth, threads, descriptors and verdict.
+    """A table with a row for each process: resident memory after settling, growth, threads, descriptors and verdict.
 
     Parameters:
         histories: of the processes.
         limits: what counts as steady.
         end (s): of the run.
     """
-    lines = [f'{"process":<22}{"resident":>10}{"growth":>9}{"private":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict',
-             f'{"":<22}{"MiB":>10}{"MiB":>9}{"MiB":>10}{"MiB":>9}']
+    lines = [f'{"process":<22}{"MiB":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict']
     for one in histories:
-        first = {name: float(np.median(one.settled(name, limits.settle)[1][:5])) for name in ('resident', 'private')}
-        memory = ''.join(f'{first[name]:10.1f}{one.growth(name, limits.settle):+9.2f}' for name in first)
+        first = float(np.median(one.settled('resident', limits.settle)[1][:5]))
         counts = [_range(*one.span(name, limits.settle)) for name in ('threads', 'descriptors')]
         verdict = ', '.join(one.faults(limits, end)) or 'holds'
-        lines.append(f'{one.name[:21]:<22}{memory}{counts[0]:>9}{counts[1]:>8}   {verdict}')
+        grown = one.growth(limits.settle)
+        lines.append(f'{one.name[:21]:<22}{first:10.1f}{grown:+9.2f}{counts[0]:>9}{counts[1]:>8}   {verdict}')
     return '\n'.join(lines)
-
-
-def save_histories(histories: Sequence[ProcessHistory], path: Path) -> None:
-    """Write all samples as CSV.
-
-    Parameters:
-        histories: of the processes.
-        path: of the file.
-    """
-    names = [field.name for field in fields(ProcessSample)]
-    with path.open('w', newline='') as file:
-        rows = csv.writer(file, lineterminator='\n')
-        rows.writerow(['process', 'process_id', 'time', *names])
-        for one in histories:
-            rows.writerows([one.name, one.process_id, f'{time:.1f}', *(f'{getattr(taken, name):.9g}' for name in names)]
-                           for time, taken in zip(one.times, one.samples, strict=True))
 
 
 def lost_sound(recording: Path) -> dict[str, int]:
@@ -238,7 +216,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--settle', type=positive, default=5.0,
                         help='minutes at the start that do not count, at most half of the run (%(default)s)')
     parser.add_argument('--most-growth', type=positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
-    parser.add_argument('--out', type=Path, help="folder for table, samples, the rig's output and the monitor's files")
+    parser.add_argument('--out', type=Path, help="folder for table, the rig's output and the monitor's files")
     return parser.parse_args(arguments)
 
 
@@ -282,5 +260,4 @@ def _report(histories: Sequence[ProcessHistory], faults: Sequence[str], options:
     print(text)
     if options.out:
         (options.out / 'soak.txt').write_text(f'{text}\n')
-        save_histories(histories, options.out / 'soak.csv')
     return 0 if steady and not faults else 1
