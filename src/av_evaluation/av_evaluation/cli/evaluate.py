@@ -99,7 +99,3 @@ def make_parser() -> argparse.ArgumentParser:
     add('--namespace', default='', help='bags: the namespace of the recorded rig')
     add_run_options(parser, 'metrics.json, runs.json, report.html')
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
@@ -95,7 +94,3 @@ def _print_faultless(runs: Iterator[tuple[str, float, dict[str, bool]]]) -> int:
         hours = seconds / 3600.0
         print(f'\n{hours:.2f} h without faults: {errors} false ERROR, {warnings} false WARN ({warnings / hours:.2f} an hour)')
     return errors
-
-
-if __name__ == '__main__':
-    sys.exit(main())
