@@ -60,14 +60,12 @@ class Offset:
     pairs: int
 
 
-def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sightings: tuple[ArrayLike, ArrayLike],
-                    largest: float = LARGEST_S) -> Offset:
+def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sightings: tuple[ArrayLike, ArrayLike]) -> Offset:
     """Estimate the offset from directions of arrival and sightings of one target.
 
     Parameters:
         directions: times (n; s) and azimuths of both mirror images (n; rad) in the body frame.
         sightings: times (k; s) and azimuths (k; rad) in the body frame.
-        largest (s): largest offset searched.
 
     Raises ValueError for too few simultaneous measurements, and for a target that hardly moves.
     """
@@ -79,8 +77,8 @@ def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sighting
     cosine, seen_cosine = np.cos(first - axis), np.cos(azimuths - axis)
     order = np.argsort(at)
     at, seen_cosine = at[order], seen_cosine[order]
-    offsets = np.arange(-largest, largest + 0.5 * STEP_S, STEP_S)
-    usable = np.logical_and.reduce([_covered(times - offset, at) for offset in (-largest, 0.0, largest)])
+    offsets = np.arange(-LARGEST_S, LARGEST_S + 0.5 * STEP_S, STEP_S)
+    usable = np.logical_and.reduce([_covered(times - offset, at) for offset in (-LARGEST_S, 0.0, LARGEST_S)])
     if usable.sum() < LEAST_PAIRS:
         raise ValueError(f'{usable.sum()} directions of arrival with the target in view: at least {LEAST_PAIRS} needed')
     times, cosine = times[usable], cosine[usable]
@@ -90,7 +88,7 @@ def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sighting
     best = int(np.clip(np.argmin(left), 1, len(left) - 2))
     curvature = left[best - 1] - 2.0 * left[best] + left[best + 1]
     if curvature <= 0.0 or np.argmin(left) in (0, len(left) - 1):
-        raise ValueError(f'no offset within {largest} s fits')
+        raise ValueError(f'no offset within {LARGEST_S} s fits')
     shift = 0.5 * (left[best - 1] - left[best + 1]) / curvature
     # Windows overlap: about one in five errors is independent.
     noise = 5.0 * left[best] / max(len(times) - 2, 1)
