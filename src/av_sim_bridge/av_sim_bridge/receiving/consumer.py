@@ -50,11 +50,11 @@ class Worker:
                 time.sleep(PAUSE_S)
 
 
-class Consumer(Generic[Item]):
-    """A worker thread for items from other threads.
+class Consumer(Worker, Generic[Item]):
+    """A worker for items from other threads.
 
-    When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon. Items
-    for which `work` raises an error are counted in `failed`; errors other than ValueError are reported, too.
+    When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon. A
+    ValueError of `work` is counted, and not reported.
 
     Parameters:
         name: name of the thread.
@@ -63,12 +63,10 @@ class Consumer(Generic[Item]):
     """
 
     def __init__(self, name: str, work: Callable[[Item], None], depth: int = 2):
-        self.dropped = self.failed = 0
-        self.last_error = ''
+        self.dropped = 0
         self._work = work
         self._items: queue.Queue[Item | None] = queue.Queue(depth)
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        super().__init__(name, self._take)
 
     def put(self, item: Item | None) -> None:
         """Append an item to the queue without blocking; None ends the thread."""
@@ -88,15 +86,13 @@ class Consumer(Generic[Item]):
         self.put(None)
         self._thread.join()
 
-    def _run(self) -> None:
-        while (item := self._items.get()) is not None:
-            try:
-                self._work(item)
-            except ValueError as error:
-                self.failed += 1
-                self.last_error = str(error)
-            except Exception as error:  # noqa: BLE001 (the next item is processed)
-                self.failed += 1
-                if repr(error) != self.last_error:
-                    self.last_error = repr(error)
-                    report(error)
+    def _take(self) -> None:
+        item = self._items.get()
+        if item is None:
+            self._stopping = True
+            return
+        try:
+            self._work(item)
+        except ValueError as error:
+            self.failed += 1
+            self.last_error = str(error)
