@@ -1,4 +1,4 @@
-"""What the rig does during an attack: commands, bearings, truth and diagnostics, heard in a thread."""
+"""What the rig does during an attack: commands, bearings and truth, heard in a thread."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any
 
 import rclpy
 from ament_index_python.packages import get_package_share_directory
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -36,7 +35,6 @@ class Observer:
     Attributes:
         lock: to be held while a judge is asked.
         commands, bearings: the judges.
-        problems: the newest message in the diagnostics of each node.
     """
 
     def __init__(self) -> None:
@@ -46,7 +44,6 @@ class Observer:
         self.lock, self._closing = threading.Lock(), threading.Event()
         self.commands = CommandJudge(pointing_settings(node_parameters('av_pointing', 'pointing_node', [shipped])))
         self.bearings = BearingCheck()
-        self.problems: dict[str, str] = {}
         self._inputs: list[tuple[Any, Callable[[bytes, dict[str, int]], None]]] = []
         self._hear(PointingCommand, 'pointing/command', lambda message, _: self.commands.on_command(
             message, to_seconds(message.header.stamp), time.time()))
@@ -56,8 +53,6 @@ class Observer:
         self._hear(Odometry, 'odometry', partial(self._on_input, 'odometry', ''))
         for name in ('rig', 'target'):
             self._hear(Odometry, f'truth/{name}', partial(self.bearings.on_truth, name))
-        self._hear(DiagnosticArray, '/diagnostics', lambda message, _: self.problems.update(
-            {status.name: status.message for status in message.status}))
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 

@@ -305,14 +305,9 @@ class Attack:
               f'deaths, {result.found.bad_count} bad commands, {result.found.move_count} wrong moves, tracking back: {back}',
               flush=True)
         if result.late:
-            print(f'         bearings meanwhile: {result.meanwhile}; {self._problems()}', flush=True)
+            print(f'         bearings meanwhile: {result.meanwhile}', flush=True)
         for fault in (*result.deaths, *result.found.bad[:2], *result.found.moves[:2], *result.faults, *result.late):
             print(f'         {fault}', flush=True)
-
-    def _problems(self) -> str:
-        """What the rig's nodes complain of."""
-        return '; '.join(f'{name.removesuffix(": status")}: {text[:200]}' for name, text in self._observer.problems.items()
-                         if name.endswith('_node: status') and text != 'active')
 
     def _report(self) -> int:
         grown = {name: last.resident - self._first[number][1].resident
@@ -325,7 +320,7 @@ class Attack:
         print(f'\n{text}', flush=True)
         (self._options.out / 'table.md').write_text(text + '\n')
         data = {'options': vars(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
-                'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count(), 'diagnostics': self._problems()}
+                'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count()}
         (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
         return 1 if any(failed.values()) or not self._results else 0
 
