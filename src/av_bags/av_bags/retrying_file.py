@@ -28,11 +28,6 @@ class RetryingFile:
         """Number of bytes that are not in the file yet."""
         return len(self._waiting)
 
-    @property
-    def size(self) -> int:
-        """Number of bytes that were written."""
-        return self._position
-
     def write(self, data: bytes) -> int:
         """Append data in memory; never fails."""
         self._waiting += data
@@ -40,8 +35,8 @@ class RetryingFile:
         return len(data)
 
     def tell(self) -> int:
-        """Position of the next byte in the file."""
-        return self.size
+        """Number of bytes that were written."""
+        return self._position
 
     def flush(self) -> None:
         """Do nothing: only `commit` writes to the file."""

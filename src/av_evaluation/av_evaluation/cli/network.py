@@ -50,10 +50,10 @@ def bound(options: argparse.Namespace) -> bool:
 
 def drones(options: argparse.Namespace) -> bool:
     """Three rigs and several drones, each measured by a rig for half of the time."""
-    print(f'three rigs, {options.drones} drones, each measured for half of the time')
+    print('three rigs, five drones, each measured for half of the time')
     print(f'{"GOSPA":>8}{"missed":>10}{"false":>7}{"error":>9}{"NEES (3)":>10}{"95 % bounds":>14}{"longest ghost":>15}'
           f'{"of a core":>11}')
-    simulations = [cases.five_drones(seed, drones=options.drones) for seed in _seeds(options)]
+    simulations = [cases.five_drones(seed) for seed in _seeds(options)]
     runs = [run(OwnTracker(cases.settings_of(simulation)), simulation) for simulation in simulations]
     distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
     error, means = np.mean([each.rmse(SETTLED_S) for each in runs]), [float(np.mean(each.nees(SETTLED_S))) for each in runs]
@@ -146,5 +146,4 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
     parser.add_argument('--seeds', type=int, default=5, help='runs of each case (%(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
-    parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
     return parser

@@ -53,7 +53,7 @@ class Series:
         return found
 
     def __len__(self) -> int:
-        stored = self._file.size // self._flat.itemsize if self._file is not None else 0
+        stored = self._file.tell() // self._flat.itemsize if self._file is not None else 0
         return (stored + len(self._flat)) // len(self._names)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
