@@ -31,10 +31,14 @@ _BARE = frozenset({0x01, *range(0xD0, 0xD8)})    # markers without a segment
 
 
 class AutomaticGain:
-    """Maps raw counts of a sensor, such as those of a thermal camera, to 8 bits with a range that follows the scene slowly."""
+    """Maps raw counts of a sensor, such as those of a thermal camera, to 8 bits with a range that follows the scene slowly.
+
+    What moves both ends of the counts alike is the sensor, such as its flat-field correction, and is followed at once.
+    """
 
     def __init__(self) -> None:
-        self._range, self._time, self._shape = np.zeros(2), -math.inf, (0, 0)  # black, and the logarithm of the span
+        self._range, self._ends = np.zeros(2), np.zeros(2)  # black, and the logarithm of the span; percentiles
+        self._time, self._shape = -math.inf, (0, 0)
 
     def apply(self, image: NDArray, time: float) -> NDArray[np.uint8]:
         """The image in 8 bits; one that has 8 bits is returned as it is.
@@ -46,21 +50,45 @@ class AutomaticGain:
         if image.dtype == np.uint8:
             return image
         counts = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
-        newest = range_of(counts[::4])
+        some = counts[::4]
+        ends = ends_of(some[:, ::4])
+        newest = range_of(ends, noise_of(some))
         if image.shape[:2] != self._shape or time < self._time:
             self._range, self._shape = newest, image.shape[:2]
         else:
+            self._range[0] += common(*(ends - self._ends))
             self._range += (1.0 - math.exp((self._time - time) / GAIN_S)) * (newest - self._range)
-        self._time = time
+        self._time, self._ends = time, ends
         black, log_span = self._range
         return np.clip((counts - black) * (255.0 / math.exp(log_span)), 0, 255).astype(np.uint8)
 
 
-def range_of(counts: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Black, and the logarithm of the span from black to white, in counts of some rows (h, w[, channels]) of an image."""
-    low, high = np.percentile(counts[:, ::4], (LOW, HIGH))
+def common(low: float, high: float) -> float:
+    """What two moves have in common: all of equal ones, nothing if one is twice the other or they are opposite."""
+    nearer, farther = sorted((abs(low), abs(high)))
+    return math.copysign(max(2.0 * nearer - farther, 0.0), low) if low * high > 0.0 else 0.0
+
+
+def ends_of(counts: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Percentiles LOW and HIGH of counts of any shape, without those of dead and saturated pixels.
+
+    Dead ones have 0; all bits of saturated ones are ones, those below the converter's last one aside.
+    """
+    top = int(counts.max())
+    saturated = top > 0 and (top // (top & -top) + 1).bit_count() == 1
+    inside = counts[(counts != 0) & ~(saturated & (counts == top))]
+    return np.asarray(np.percentile(inside if inside.size else counts, (LOW, HIGH)), float)
+
+
+def noise_of(counts: NDArray[np.float32]) -> float:
+    """Standard deviation of the noise of some rows (h, w[, channels]) of an image."""
     # Neighbours see almost the same: half of their differences are smaller than the median.
-    noise = NORMAL_MAD * float(np.median(np.abs(np.diff(counts, axis=1)))) / math.sqrt(2.0) if counts.shape[1] > 1 else 0.0
+    return NORMAL_MAD * float(np.median(np.abs(np.diff(counts, axis=1)))) / math.sqrt(2.0) if counts.shape[1] > 1 else 0.0
+
+
+def range_of(ends: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
+    """Black, and the logarithm of the span from black to white, in counts, of percentiles (2,) and noise in counts."""
+    low, high = ends
     span = max(high - low, LEAST_NOISES * noise, 1e-9)
     return np.array([0.5 * (low + high - span), math.log(span)])
 

@@ -52,6 +52,32 @@ def test_a_plain_sky_is_shown_without_its_noise():
     assert AutomaticGain().apply(hot, 0.0)[100:104, 100:106].min() > 200
 
 
+def picture(counts, gain, time):
+    return gain.apply(np.rint(counts).clip(0, 65535).astype(np.uint16), time).astype(float)
+
+
+@pytest.mark.parametrize('jump', [150.0, -800.0])
+def test_a_flat_field_correction_does_not_show(jump):
+    """All counts move within one image, by less or more than their range."""
+    gain = AutomaticGain()
+    for k in range(30):
+        before = picture(sky(k), gain, k / 30.0)
+    after = picture(sky(30) + jump, gain, 1.0)
+    assert np.abs(after - before)[10:-10].mean() < 8.0  # noise: 4 counts of 400 in either
+
+
+def test_dead_and_saturated_pixels_do_not_tell_the_range():
+    """Two columns and a row are dead, and the sun saturates a disc of 24 pixels: 3 % of the image."""
+    rows, columns = np.mgrid[:256, :320]
+    counts = sky(0)
+    counts[:, [40, 200]] = counts[17] = 0.0
+    counts[np.hypot(rows - 60, columns - 100) < 24.0] = 16383.0
+    plain, odd = picture(sky(0), AutomaticGain(), 0.0), picture(counts, AutomaticGain(), 0.0)
+    assert np.abs(odd - plain)[100:, 210:].mean() < 3.0
+    left_aligned = picture(4.0 * counts, AutomaticGain(), 0.0)
+    assert np.abs(left_aligned - odd).mean() < 3.0
+
+
 def test_the_gain_begins_anew_with_another_size_and_after_a_loop():
     gain = AutomaticGain()
     first = gain.apply(sky(0).astype(np.uint16), 5.0)
