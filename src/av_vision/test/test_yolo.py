@@ -109,6 +109,17 @@ def test_other_networks_are_refused_with_a_reason(tmp_path, output, reason):
         Detector(yolo_models.write(tmp_path / 'model.onnx', output=output))
 
 
+@pytest.mark.parametrize('layout', ['yolox_raw', 'yolox', 'v8', 'v5'])
+@pytest.mark.parametrize(('score', 'reason'), [(np.nan, 'no score is a finite number'), (-5.0, 'logits')])
+def test_a_named_layout_does_not_hide_that_the_scores_are_none(tmp_path, layout, score, reason):
+    """Weights of NaN, or an export without its sigmoid: seeing nothing would be taken for an empty sky."""
+    output = yolo_models.rows_of(layout, 416, 3)[None]
+    (output[0, 4:] if layout == 'v8' else output[0, :, 4:])[:] = score
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', output=output), DetectorSettings(layout=layout))
+    with pytest.raises(ModelError, match=reason):
+        detector.detect(np.zeros((416, 416, 3), np.uint8))
+
+
 def test_files_that_are_no_model(tmp_path):
     good = yolo_models.write(tmp_path / 'good.onnx').read_bytes()
     for name, content, reason in [('empty', b'', '0 bytes'), ('truncated', good[:len(good) // 2], 'no ONNX model'),

@@ -86,6 +86,7 @@ def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float, form:
         threshold (0-1): least probability of a box.
         form: another form of the box.
     """
+    check_scores(rows[:, 4])
     rows = rows[rows[:, 4] > threshold]  # a class probability is at most 1: cheap and exact
     probabilities = rows[:, 5:] * rows[:, 4:5]
     passed = probabilities.max(axis=1, initial=0.0) > threshold
@@ -100,6 +101,7 @@ def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> 
         size: height and width of the input in pixels.
         threshold (0-1): least probability of a box.
     """
+    check_scores(rows[:, 4])
     cells, strides = grid(size)
     passed = rows[:, 4] > threshold
     rows, cells, strides = rows[passed], cells[passed], strides[passed]
@@ -116,7 +118,9 @@ def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float, fo
         threshold (0-1): least probability of a box.
         form: another form of the box.
     """
-    rows = columns[:, np.flatnonzero(columns[4:].max(axis=0) > threshold)].T
+    best = columns[4:].max(axis=0)
+    check_scores(best)
+    rows = columns[:, np.flatnonzero(best > threshold)].T
     return form.boxes(rows[:, :4], size), rows[:, 4:]
 
 
