@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
 GAIN_S = 1.0           # time constant with which they follow the scene: below the rate at which flicker disturbs a detector
+SURROUNDINGS, SURROUNDINGS_LEFT = 1 / 12, 0.1  # of heat: range of the local mean in widths, and the share of it that is left
+COARSE = 8             # pixels of a step in which the local mean is made
 LEAST_NOISES = 20.0    # standard deviations of the noise that the range holds: a plain sky is shown as grey, not as noise
 NORMAL_MAD = 1.4826    # standard deviation of normal values over their median absolute deviation
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
@@ -34,9 +36,14 @@ class AutomaticGain:
     """Maps raw counts of a sensor, such as those of a thermal camera, to 8 bits with a range that follows the scene slowly.
 
     What moves both ends of the counts alike is the sensor, such as its flat-field correction, and is followed at once.
+
+    Parameters:
+        heat: whether counts are of heat. Then most of the local mean is taken out, as thermal cameras do in pictures of their
+            own: sky and ground differ by far more than what is in them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, heat: bool = False) -> None:
+        self._heat = heat
         self._range, self._ends = np.zeros(2), np.zeros(2)  # black, and the logarithm of the span; percentiles
         self._time, self._shape = -math.inf, (0, 0)
 
@@ -50,17 +57,27 @@ class AutomaticGain:
         if image.dtype == np.uint8:
             return image
         counts = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
-        some = counts[::4]
-        ends = ends_of(some[:, ::4])
-        newest = range_of(ends, noise_of(some))
+        good = usable(counts[::4, ::4])
+        if self._heat:
+            low, high = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
+            counts = counts - (1.0 - SURROUNDINGS_LEFT) * local_mean(counts.clip(low, high))
+        ends = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
+        newest = range_of(ends, noise_of(counts[::4]))
         if image.shape[:2] != self._shape or time < self._time:
             self._range, self._shape = newest, image.shape[:2]
         else:
             self._range[0] += common(*(ends - self._ends))
-            self._range += (1.0 - math.exp((self._time - time) / GAIN_S)) * (newest - self._range)
+            self._range = between(self._range, newest, 1.0 - math.exp((self._time - time) / GAIN_S))
         self._time, self._ends = time, ends
         black, log_span = self._range
         return np.clip((counts - black) * (255.0 / math.exp(log_span)), 0, 255).astype(np.uint8)
+
+
+def between(old: NDArray[np.float64], new: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """A range part of the way from an old to a new one (see `range_of`): what is as grey in both stays so on the way."""
+    black, log_span = new - old
+    moved = math.expm1(share * log_span) / math.expm1(log_span) if log_span else share
+    return old + np.array([moved * black, share * log_span])
 
 
 def common(low: float, high: float) -> float:
@@ -69,15 +86,23 @@ def common(low: float, high: float) -> float:
     return math.copysign(max(2.0 * nearer - farther, 0.0), low) if low * high > 0.0 else 0.0
 
 
-def ends_of(counts: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Percentiles LOW and HIGH of counts of any shape, without those of dead and saturated pixels.
+def usable(counts: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which of some pixels are neither dead nor saturated; all of them if none is.
 
     Dead ones have 0; all bits of saturated ones are ones, those below the converter's last one aside.
     """
     top = int(counts.max())
     saturated = top > 0 and (top // (top & -top) + 1).bit_count() == 1
-    inside = counts[(counts != 0) & ~(saturated & (counts == top))]
-    return np.asarray(np.percentile(inside if inside.size else counts, (LOW, HIGH)), float)
+    good = (counts != 0) & ~(saturated & (counts == top))
+    return np.asarray(good | ~good.any())
+
+
+def local_mean(counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The mean of what surrounds each pixel of an image (h, w[, channels]), with normal weights."""
+    height, width = counts.shape[:2]
+    small = cv2.resize(counts, (max(width // COARSE, 1), max(height // COARSE, 1)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), SURROUNDINGS * small.shape[1])
+    return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def noise_of(counts: NDArray[np.float32]) -> float:

@@ -103,15 +103,15 @@ class DetectionStage:
         camera: intrinsics; None until `on_camera_info`.
         rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
             raise ValueError.
-        black_hot: whether the images are inverted first, as detectors know heat bright.
+        kind: of the camera: visible, thermal, or black_hot, whose images are inverted first, as detectors know heat bright.
     """
 
     def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None,
                  camera: PinholeCamera | None = None,
-                 rotation_of: RotationOf = lambda frame, time: None, black_hot: bool = False) -> None:
-        self.detector, self._black_hot = detector, black_hot
+                 rotation_of: RotationOf = lambda frame, time: None, kind: str = 'visible') -> None:
+        self.detector, self._black_hot = detector, kind == 'black_hot'
         self.shown: NDArray[np.uint8] | None = None
-        self._gain = AutomaticGain()
+        self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
         self._camera, self._rotation_of, self._told = camera, rotation_of, False
         self._attitudes = AttitudeHistory()
@@ -131,8 +131,9 @@ class DetectionStage:
         Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
-        image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
-        camera = self._camera_of(image.shape[1], image.shape[0])
+        counts = image_from_message(message, self._most_pixels)
+        camera = self._camera_of(counts.shape[1], counts.shape[0])
+        image = self.shown = self._gain.apply(counts, time)
         pose = self._pose(header.frame_id, time, camera)
         image = 255 - image if self._black_hot else image
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
@@ -245,7 +246,7 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
     visibility = None if p.camera_kind != 'visible' else VisibilityReporter(p.visibility_distance, p.camera_height)
-    return DetectionStage(temporal, visibility, camera, rotation_of, p.camera_kind == 'black_hot')
+    return DetectionStage(temporal, visibility, camera, rotation_of, p.camera_kind)
 
 
 def make_detector(parameters: Any) -> Detector:

@@ -78,6 +78,18 @@ def test_dead_and_saturated_pixels_do_not_tell_the_range():
     assert np.abs(left_aligned - odd).mean() < 3.0
 
 
+def test_ground_and_a_warmer_horizon_do_not_hide_what_is_faint_in_the_sky():
+    """Raw counts have the whole sky's range and the ground's; cameras take most of it out of pictures of their own."""
+    counts = np.linspace(6000.0, 8000.0, 256)[:, None] + np.random.default_rng(0).normal(0.0, 5.0, (256, 320))
+    counts[230:] += 1000.0
+    counts[100:106, 150:158] += 200.0
+    shown, linear = picture(counts, AutomaticGain(heat=True), 0.0), picture(counts, AutomaticGain(), 0.0)
+    contrast, before = (one[100:106, 150:158].mean() - one[100:106, 130:180].mean() for one in (shown, linear))
+    assert contrast > 2.0 * before > 20.0
+    assert shown[:200].mean(axis=1).std() < 0.5 * linear[:200].mean(axis=1).std()
+    assert picture(np.dstack([counts] * 3), AutomaticGain(heat=True), 0.0).shape == (256, 320, 3)  # a PNG of 16 bits
+
+
 def test_the_gain_begins_anew_with_another_size_and_after_a_loop():
     gain = AutomaticGain()
     first = gain.apply(sky(0).astype(np.uint16), 5.0)

@@ -36,7 +36,6 @@ RESPONSE_S = 0.010                       # thermal time constant of a pixel, whi
 NOISE_K = 0.05                           # noise-equivalent temperature difference
 FIXED_K, COLUMN_K, ROW_K = 0.03, 0.03, 0.02  # what the flat-field correction leaves: of pixels, columns, rows
 SHADING_K = 0.3                          # warmth of the housing in the corners, since the last correction
-SURROUNDINGS, SURROUNDINGS_LEFT = 1 / 12, 0.1  # range in widths, and share left, of the local mean in a picture
 
 
 class CameraEffects:
@@ -180,6 +179,5 @@ class ThermalCamera:
 
     def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:
         """Grey levels as the camera's electronics make them: less of what is warm all around, which darkens the horizon."""
-        local = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), SURROUNDINGS * counts.shape[1])
-        grey = AutomaticGain().apply(counts - (1.0 - SURROUNDINGS_LEFT) * local, 0.0)
+        grey = AutomaticGain(heat=True).apply(counts, 0.0)
         return 255 - grey if self._palette == 'black_hot' else grey
