@@ -39,6 +39,20 @@ def test_csv_has_the_promised_columns_and_pixels_of_the_input(folder, capsys):
     assert 'frame 1 of 3' in printed.err
 
 
+def test_thermal_images_have_their_detector_and_their_gain(folder, capsys, monkeypatch):
+    """Raw counts are developed as on a rig, and inverted where heat is dark; the shipped model is the thermal one."""
+    (folder / 'raw').mkdir()
+    counts = np.random.default_rng(0).normal(7000.0, 100.0, (416, 416)).astype(np.uint16)
+    cv2.imwrite(str(folder / 'raw' / '0.png'), counts)
+    searched, find = {}, detect.TemporalDetector.detect
+    for camera in ('thermal', 'black_hot'):
+        monkeypatch.setattr(detect.TemporalDetector, 'detect',
+                            lambda self, image, *rest, camera=camera: find(self, searched.setdefault(camera, image), *rest))
+        assert detect.main([str(folder / 'raw'), '--camera', camera, '--model', str(folder / 'model.onnx'), '--quiet']) == 0
+    assert searched['thermal'].dtype == np.uint8 and np.array_equal(searched['thermal'], 255 - searched['black_hot'])
+    assert detect.detector_of(detect.parse(['x', '--camera', 'thermal'])).model.path.name == 'drone_detector_ir.onnx'
+
+
 def test_json_and_all_classes(folder, capsys):
     code, printed = run(folder, capsys, '--json', '--classes', 'all', '--quiet')
     rows = [json.loads(line) for line in printed.out.splitlines()]

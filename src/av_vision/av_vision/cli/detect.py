@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from av_common.parameters import node_parameters
 from av_common.track import DRONE
 from av_vision.drawing import draw
+from av_vision.image import AutomaticGain
 from av_vision.methods import is_model_file
-from av_vision.models import shipped_model
+from av_vision.models import FILES, shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Frame, Recording
 from av_vision.stage import make_detector
@@ -54,15 +55,18 @@ class VideoWriter:
 FrameDetections = tuple[Frame, Detections, list[int]]
 
 
-def detect_recording(recording: Recording, detector: TemporalDetector) -> Iterator[FrameDetections]:
+def detect_recording(recording: Recording, detector: TemporalDetector, camera: str = 'visible') -> Iterator[FrameDetections]:
     """Frames, their detections and track numbers.
 
     Parameters:
         recording: the input.
         detector: detector for a sequence of images.
+        camera: its kind, see `DetectionStage`.
     """
+    gain = AutomaticGain(camera != 'visible')
     for frame in recording.frames():
-        yield frame, *detector.detect(frame.image, frame.time)
+        image = gain.apply(frame.image, frame.time)
+        yield frame, *detector.detect(255 - image if camera == 'black_hot' else image, frame.time)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -86,6 +90,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('input', type=Path, help='video, image or folder of images')
     parser.add_argument('--model', default='shipped', help='ONNX file of a YOLO detector, or the name of a detector of another '
                         'package (default: %(default)s)')
+    parser.add_argument('--camera', choices=tuple(FILES), default='visible', help='black_hot: a thermal one that shows heat '
+                        'dark (default: %(default)s)')
     parser.add_argument('--classes', default='', metavar='A,B', help='classes of the model to be reported as drone, '
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
@@ -118,7 +124,7 @@ def detector_of(arguments: argparse.Namespace) -> Detector:
     if is_model_file(arguments.model):
         return Detector(arguments.model, settings)
     if arguments.model == 'shipped':
-        return Detector(shipped_model(), settings)
+        return Detector(shipped_model(arguments.camera), settings)
     made: Detector = make_detector(node_parameters('av_vision', 'detector_node', overrides={
         'model': arguments.model, 'score_threshold': arguments.threshold}))
     return made
@@ -134,7 +140,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     if not arguments.json:
         writer.writeheader()
     begun = time.perf_counter()
-    for frame, detections, tracks in detect_recording(recording, temporal):
+    for frame, detections, tracks in detect_recording(recording, temporal, arguments.camera):
         for row in rows_of(frame.index, frame.time, detections, tracks):
             if arguments.json:
                 print(json.dumps(row), file=out)
