@@ -61,7 +61,7 @@ class AutomaticGain:
         if self._heat:
             low, high = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
             counts = counts - (1.0 - SURROUNDINGS_LEFT) * local_mean(counts.clip(low, high))
-        ends = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
+        ends = np.asarray(np.percentile(counts[::4, ::4][good], (LOW, HIGH)), float)
         newest = range_of(ends, noise_of(counts[::4]))
         if image.shape[:2] != self._shape or time < self._time:
             self._range, self._shape = newest, image.shape[:2]
