@@ -32,6 +32,7 @@ setup(
         'console_scripts': [
             'monitor_node = av_evaluation.nodes.monitor_node:main',
             'attack = av_evaluation.cli.attack:main',
+            'city = av_evaluation.cli.city:main',
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
             'faults = av_evaluation.cli.faults:main',

@@ -18,7 +18,6 @@ from av_network.motion_model import SPEED_SIGMA, velocity_covariance
 from av_network.network_target import Member, NetworkTarget, membership
 from av_network.observation import Observation
 
-MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
 HOPELESS = -4.0  # score from which a candidate ends
 WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
@@ -58,7 +57,8 @@ def lines_of(observations: Sequence[Observation]) -> Lines:
                  np.array([1.0 / SOUND_SPEED if one.sighting.by_sound else 0.0 for one in observations]))
 
 
-def meetings(first: Lines, second: Lines) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def meetings(first: Lines, second: Lines, most_distance: float
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Where each of m directions meets each of k others.
 
     Returns places (m, k, 3) (m), between both where they are closest, nearer to the more precise one, their times (m, k) (s),
@@ -66,6 +66,7 @@ def meetings(first: Lines, second: Lines) -> tuple[NDArray[np.float64], NDArray[
 
     Parameters:
         first, second: of different rigs.
+        most_distance (m): of a place from either rig.
     """
     a, b, offsets = first.units[:, None], second.units[None], second.origins[None] - first.origins[:, None]
     cosine, along, across = first.units @ second.units.T, np.sum(offsets * a, axis=2), np.sum(offsets * b, axis=2)
@@ -78,8 +79,7 @@ def meetings(first: Lines, second: Lines) -> tuple[NDArray[np.float64], NDArray[
     emitted = (first.times - first.delays * near.T).T, second.times - second.delays * far
     moved = SPEED_SIGMA**2 * ((emitted[0] - emitted[1])**2 + first.time_variances[:, None] + second.time_variances)
     apart = np.sum((ends[0] - ends[1]) ** 2, axis=2) / (total + moved)
-    within = (np.minimum(near, far) > 0.0) & (np.maximum(near, far) < MOST_DISTANCE_M)
-    possible = within & (1.0 - cosine**2 > LEAST_SINE_SQUARED)
+    possible = (1.0 - cosine**2 > LEAST_SINE_SQUARED) & (np.minimum(near, far) > 0.0) & (np.maximum(near, far) < most_distance)
     return places, 0.5 * (emitted[0] + emitted[1]), np.where(possible, apart, np.inf)
 
 
@@ -104,9 +104,14 @@ def supports(places: NDArray[np.float64], times: NDArray[np.float64], lines: Lin
 
 
 class Pairing:
-    """Proposes candidates."""
+    """Proposes candidates.
 
-    def __init__(self) -> None:
+    Parameters:
+        most_distance (m): of a target from a rig.
+    """
+
+    def __init__(self, most_distance: float) -> None:
+        self._most_distance = most_distance
         self._contested: dict[int, tuple[float, Sequence[Observation]]] = {}  # newest directions of each rig, and their time
 
     def forget(self, rig: int) -> None:
@@ -134,7 +139,8 @@ class Pairing:
         if not others or room <= 0:
             return
         lines = lines_of([*reported, *others])
-        places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)))
+        places, times, apart = meetings(Lines(*(part[:m] for part in lines)), Lines(*(part[m:] for part in lines)),
+                                        self._most_distance)
         together = membership(hypotheses, reported).T @ membership(hypotheses, others)
         rows, columns = np.nonzero((apart < MOST_APART) & ~together)
         if not len(rows):
@@ -154,7 +160,7 @@ class Pairing:
         means = np.concatenate([places, np.zeros((len(pairs), 3))], 1)
         states.add(means, np.array([block_diag(WIDE_M**2 * np.eye(3), velocity_covariance())] * len(pairs)))
         # The prior of the update is Gaussian and wide; at its centre it is replaced by the uniform one.
-        prior = math.log(3.0 / MOST_DISTANCE_M**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
+        prior = math.log(3.0 / self._most_distance**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
         scores = np.full(len(pairs), prior - math.log(density))
         for part in (0, 1):
             groups: dict[tuple[int, float], list[int]] = {}

@@ -15,11 +15,12 @@ from av_network.lone_track import separate
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
 from av_network.observation import Observation, Report
 from av_network.packing import log_odds
-from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_DISTANCE_M, MOST_SIGMA_M, Pairing
+from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
 from av_network.reporting import COAST_S, target_states
 from av_network.settings import RigSettings
 from av_network.trust import RigTrust
 
+MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
 CONFIRMED = 0.95  # probability of existence from which a candidate becomes a track
 LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))  # the same
 LEAST_AGE_S = 1.0  # for which a candidate is observed before
@@ -48,9 +49,11 @@ class NetworkTracker:
 
     Parameters:
         rigs: what is known of each.
+        most_distance (m): of a target from a rig.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings]) -> None:
+    def __init__(self, rigs: Sequence[RigSettings], most_distance: float = MOST_DISTANCE_M) -> None:
+        self._most_distance = most_distance
         self._known = list(rigs)
         self.rigs = {rig.name: index for index, rig in enumerate(rigs)}
         self._last_id = 0
@@ -62,7 +65,7 @@ class NetworkTracker:
         self.calibration = RigCalibration(self._known)
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
-        self._pairing = Pairing()
+        self._pairing = Pairing(self._most_distance)
         self.trust = RigTrust(len(self._known))
         self._decided = -math.inf
         self._density = TARGET_DENSITY  # 1/sr, of directions that are not tracked yet
@@ -142,10 +145,9 @@ class NetworkTracker:
         def others(row: int) -> set[int]:
             return {other for other, _ in present[row] if other != rig and other in self.trust}
 
-        means = self.filter.targets()[0]
+        means, reach = self.filter.targets()[0], self._most_distance
         confirmed = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
-        within = [row for row in confirmed if np.linalg.norm(means[row, :3] - observations[0].position) < MOST_DISTANCE_M]
-        if any(len(others(row)) > 1 for row in within):
+        if any(np.linalg.norm(means[row, :3] - observations[0].position) < reach and len(others(row)) > 1 for row in confirmed):
             on, off = sum(len(present[row]) for row in confirmed), sum(other != rig for other, _ in self.unexplained)
             self.trust.note(rig, {one.sighting.id: column in assigned and bool(others(assigned[column]))
                                   for column, one in enumerate(observations)}, on / (on + off), time)

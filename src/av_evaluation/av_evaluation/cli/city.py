@@ -1,0 +1,275 @@
+"""ros2 run av_evaluation city: a city of cells on this machine, over Zenoh, with simulated rigs; prints what it costs.
+
+Each cell takes the reports of the rigs that reach it, and hands tracks over to its neighbours. No list names the rigs. Halfway
+the router is killed, and started again after --outage. Needs eclipse-zenoh.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import multiprocessing.synchronize
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
+
+from av_common.stamps import to_seconds
+from av_evaluation.network.city import REPORTS, TRACKS, Cell, Grid, Names, World, all_cells
+from av_interfaces.msg import RigReport, WorldTrackArray
+
+RATE_HZ, OUTPUT_HZ, STEP_S = 4.0, 4.0, 0.05  # of reports and of tracks; of the loops
+QUIET = bytes(serialize_message(RigReport(version=RigReport.VERSION)))  # a report without directions
+READY_S, GRACE_S = 60.0, 5.0  # for the processes to begin, and to end
+MOST_WAITING = 1000  # messages of one key, of which the oldest are lost then
+COVERED, LATE_S = 0.9, 0.5  # what is asked for: drones with a track, and age of 95 % of the reports
+
+
+class Traffic(NamedTuple):
+    """What one process did: its name, messages and bytes out and in, processor time (s), and delays (s) of reports."""
+
+    name: str
+    sent: int = 0
+    sent_bytes: int = 0
+    received: int = 0
+    received_bytes: int = 0
+    refused: int = 0
+    cpu: float = 0.0
+    delays: tuple[float, ...] = ()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the city; returns 1 where names or tracks are lost or reports are late, 2 where Zenoh is missing."""
+    options = _options(arguments)
+    try:
+        import zenoh  # noqa: F401 - an option
+    except ImportError as error:
+        print(f'city: needs the Python package eclipse-zenoh: pip install eclipse-zenoh ({error})', file=sys.stderr)
+        return 2
+    context = multiprocessing.get_context('spawn')
+    stop, results = context.Event(), context.Queue()
+    ready, begin = context.Semaphore(0), context.Value('d', 0.0)
+    router = _started(context, _router, options)
+    others = [_started(context, _rigs, options, ready, begin, stop, results)]
+    others += [_started(context, _cells, options, share, ready, stop, results) for share in range(options.processes)]
+    try:
+        if not all(ready.acquire(timeout=READY_S) for _ in others):
+            print(f'city: no router at {options.router}: is the port in use? Another one: --router tcp/127.0.0.1:PORT',
+                  file=sys.stderr)
+            return 1
+        begin.value = time.time() + 0.5
+        names, outage = _watch(options, begin.value, lambda: _started(context, _router, options), router)
+    finally:
+        stop.set()
+    found = [results.get(timeout=GRACE_S + options.duration) for _ in others]
+    for each in others:
+        each.join(GRACE_S)
+    outage.kill()
+    return 0 if _report(options, found, names) else 1
+
+
+def _watch(options: argparse.Namespace, begin: float, again: Callable[[], Any], router: Any) -> tuple[Names, Any]:
+    """Compare all tracks with the drones until the end; kill the router halfway. Returns the names and the last router."""
+    grid, lock = _grid(options), threading.Lock()
+    names, world = Names(grid, options.drones), World(grid, options.rigs, options.drones, options.seed)
+
+    def take(sample: Any) -> None:
+        message = deserialize_message(sample.payload.to_bytes(), WorldTrackArray)
+        with lock:
+            for one in message.tracks:
+                place, speed = ([part.x, part.y, part.z] for part in (one.position, one.velocity))
+                names.take(one.id, to_seconds(message.header.stamp) - begin, np.array(place), np.array(speed))
+
+    with _session(options) as session:
+        subscription = session.declare_subscriber(f'{TRACKS}/**', take)
+        middle, dead = begin + 0.5 * options.duration, False
+        settled = begin + min(5.0, 0.25 * options.duration)  # from which drones should have tracks
+        while (now := time.time()) < begin + options.duration:
+            if options.outage and not dead and now > middle:
+                router.kill()
+                dead = True
+            if dead and not router.is_alive() and now > middle + options.outage:
+                router = again()
+                dead, options.outage = False, 0.0
+            if now > settled:
+                with lock:
+                    names.look(now - begin, world.drones(now - begin))
+            time.sleep(0.25)
+        subscription.undeclare()
+    return names, router
+
+
+def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocessing.synchronize.Event, results: Any) -> None:
+    """All rigs: each reports at its own moments."""
+    grid = _grid(options)
+    world = World(grid, options.rigs, options.drones, options.seed)
+    keys = [grid.report_key(f'rig{index + 1}', place) for index, place in enumerate(world.places)]
+    sent = size = 0
+    with _session(options) as session:
+        ready.release()
+        while not told.value and not stop.wait(STEP_S):
+            pass
+        begin = told.value
+        for number in range(int(options.duration * RATE_HZ) * options.rigs):
+            due = number / (RATE_HZ * options.rigs)
+            if (early := begin + due - time.time()) > 0.0:
+                if stop.wait(early if early > STEP_S else 0.0):
+                    break
+                time.sleep(max(begin + due - time.time(), 0.0))
+            rig = number % options.rigs
+            data = bytes(serialize_message(world.report(rig, due, begin))) if world.is_near(rig, due) else QUIET
+            session.put(keys[rig], data)
+            sent, size = sent + 1, size + len(data)
+        stop.wait(GRACE_S)
+    results.put(Traffic('rigs', sent, size, cpu=_cpu()))
+
+
+def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiprocessing.synchronize.Event, results: Any) -> None:
+    """The cells of one process. One thread takes and tracks, as threads that wait for Python's lock would be late."""
+    from zenoh.handlers import RingChannel
+    grid = _grid(options)
+    cells = [Cell(place, grid) for place in all_cells(grid, share, options.processes)]
+    counts = dict.fromkeys(('sent', 'sent_bytes', 'received', 'received_bytes', 'refused'), 0)
+    delays: list[float] = []
+    to: dict[str, list[Cell]] = {}
+    for cell in cells:
+        for key in [*(f'{REPORTS}/{part}/*' for part in grid.parts(cell.place)),
+                    *(f'{TRACKS}/{x}/{y}' for x, y in grid.neighbours(cell.place))]:
+            to.setdefault(key, []).append(cell)
+    with _session(options) as session:
+        subscriptions = [(session.declare_subscriber(key, RingChannel(MOST_WAITING)), takers) for key, takers in to.items()]
+        ready.release()
+        due = time.time()
+        while not stop.is_set():
+            for subscription, takers in subscriptions:
+                while (sample := subscription.try_recv()) is not None:
+                    _take(sample, takers, counts, delays)
+            if time.time() >= due:
+                due = max(due + 1.0 / OUTPUT_HZ, time.time() - 1.0)
+                _publish(session, cells, counts)
+            time.sleep(min(STEP_S, max(due - time.time(), 0.0)))
+    results.put(Traffic(f'cells {share + 1}', **counts, cpu=_cpu(), delays=tuple(delays)))
+
+
+def _take(sample: Any, takers: Sequence[Cell], counts: dict[str, int], delays: list[float]) -> None:
+    """Count a message, and give its cells one that is more than a report without directions."""
+    data = sample.payload.to_bytes()
+    counts['received'], counts['received_bytes'] = counts['received'] + 1, counts['received_bytes'] + len(data)
+    if len(data) > len(QUIET):
+        stamp = _use(takers, str(sample.key_expr), data, counts)
+        if stamp is not None:
+            delays.append(time.time() - stamp)
+
+
+def _use(cells: Sequence[Cell], key: str, data: bytes, counts: dict[str, int]) -> float | None:
+    """Give cells a message; returns the stamp (s) of a report."""
+    try:
+        if key.startswith(TRACKS):
+            tracks = deserialize_message(data, WorldTrackArray)
+            for cell in cells:
+                cell.on_tracks(tracks, time.time())
+            return None
+        message = deserialize_message(data, RigReport)
+        for cell in cells:
+            cell.on_report(key.rsplit('/', 1)[1], message, time.time())
+        return to_seconds(message.header.stamp)
+    except Exception:  # noqa: BLE001 - whatever comes from outside
+        counts['refused'] += 1
+        return None
+
+
+def _publish(session: Any, cells: Sequence[Cell], counts: dict[str, int]) -> None:
+    for cell in cells:
+        message = cell.output(time.time())
+        if message.tracks:
+            data = serialize_message(message)
+            session.put(f'{TRACKS}/{cell.place[0]}/{cell.place[1]}', data)
+            counts['sent'], counts['sent_bytes'] = counts['sent'] + 1, counts['sent_bytes'] + len(data)
+
+
+def _router(options: argparse.Namespace) -> None:
+    import zenoh
+    config = zenoh.Config.from_json5(json.dumps({
+        'mode': 'router', 'listen': {'endpoints': [options.router]}, 'scouting': {'multicast': {'enabled': False}}}))
+    with zenoh.open(config):
+        threading.Event().wait()
+
+
+def _session(options: argparse.Namespace) -> Any:
+    """A session with the router, which is waited for, and connected to again."""
+    import zenoh
+    config = zenoh.Config.from_json5(json.dumps({
+        'mode': 'client', 'scouting': {'multicast': {'enabled': False}},
+        'connect': {'endpoints': [options.router], 'timeout_ms': -1, 'exit_on_failure': False,
+                    'retry': {'period_init_ms': 100, 'period_max_ms': 500, 'period_increase_factor': 2}}}))
+    return zenoh.open(config)
+
+
+def _started(context: Any, target: Callable[..., None], *values: Any) -> Any:
+    process = context.Process(target=target, args=values, daemon=True)
+    process.start()
+    return process
+
+
+def _cpu() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _grid(options: argparse.Namespace) -> Grid:
+    return Grid(options.cells, options.size, options.reach)
+
+
+def _report(options: argparse.Namespace, found: Sequence[Traffic], names: Names) -> bool:
+    """Print the table; returns whether all is as asked."""
+    print(f'{options.rigs} rigs, {options.cells**2} cells of {options.size:g} m, {options.drones} drones, '
+          f'{options.duration:g} s')
+    print(f'{"":<10}{"out/s":>9}{"kB/s":>9}{"in/s":>9}{"kB/s":>9}{"refused":>9}{"core":>8}{"delay median, 95 %, most":>30}')
+    late = 0.0
+    for each in sorted(found, key=lambda each: each.name):
+        rates = [value / options.duration for value in (each.sent, each.sent_bytes / 1e3, each.received,
+                                                        each.received_bytes / 1e3)]
+        spread = ''
+        if each.delays:
+            middle, most95, most = np.quantile(each.delays, [0.5, 0.95, 1.0])
+            late, spread = max(late, most95), f'{1e3 * middle:.0f}, {1e3 * most95:.0f}, {1e3 * most:.0f} ms'
+        print(f'{each.name:<10}' + ''.join(f'{rate:>9.1f}' for rate in rates)
+              + f'{each.refused:>9}{100.0 * each.cpu / options.duration:>6.0f} %{spread:>30}')
+    covered = names.found / max(names.looks, 1)
+    print(f'drones with a track {100.0 * covered:.1f} %, with two {100.0 * names.twice / max(names.looks, 1):.1f} %; '
+          f'{names.borders} borders crossed, {names.changes} names lost')
+    if late > LATE_S:
+        print(f'city: reports are {late:.1f} s late: this machine is too slow for so many', file=sys.stderr)
+    return covered >= COVERED and names.changes == 0 and late <= LATE_S
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog='city', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add('--rigs', type=int, default=1000, help='which report four times a second (%(default)s)')
+    add('--cells', type=int, default=8, help='along each side (%(default)s)')
+    add('--size', type=float, default=200.0, help='m, of a cell (%(default)s)')
+    add('--reach', type=float, default=75.0, help='m, from a rig to the farthest drone that it measures (%(default)s)')
+    add('--drones', type=int, default=8, help='which fly across (%(default)s)')
+    add('--duration', type=float, default=40.0, help='s (%(default)s)')
+    add('--outage', type=float, default=1.0, help='s for which the router is dead, halfway; 0 for never (%(default)s)')
+    add('--processes', type=int, default=2, help='which share the cells (%(default)s)')
+    add('--router', default='tcp/127.0.0.1:7448', help='endpoint of the router (%(default)s)')
+    add('--seed', type=int, default=1, help='of rigs and drones (%(default)s)')
+    options = parser.parse_args(arguments)
+    low = {'rigs': 4, 'cells': 2, 'drones': 1, 'duration': 2.0, 'outage': 0.0, 'processes': 1, 'size': 20.0}
+    if wrong := [f'--{name} below {least}' for name, least in low.items() if not getattr(options, name) >= least]:
+        parser.error(', '.join(wrong))
+    if not 0.0 < options.reach <= options.size:
+        parser.error('--reach is more than 0 and up to --size')
+    return options
+
+
+if __name__ == '__main__':
+    sys.exit(main())

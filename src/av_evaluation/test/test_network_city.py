@@ -1,0 +1,135 @@
+"""Cells of a city: which rigs reach them, and names that last across borders."""
+
+from __future__ import annotations
+
+import re
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import Header
+
+from av_common.stamps import to_stamp
+from av_evaluation.network.city import NAMES, Cell, Grid, Names, World, all_cells
+from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
+
+GRID = Grid(2, 100.0, 100.0)
+
+
+def part_of(key):
+    return '/'.join(key.split('/')[2:6])
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_reports_go_to_all_cells_that_a_rig_reaches(seed):
+    """Of places within reach of a rig, each is in a cell that takes the rig's reports."""
+    grid, random = Grid(4, 200.0, 80.0), np.random.default_rng(seed)
+    parts = {cell: set(grid.parts(cell)) for cell in all_cells(grid, 0, 1)}
+    for _ in range(200):
+        rig, offset = random.uniform(0.0, 800.0, 2), random.normal(size=2)
+        target = np.clip(rig + 79.9 * offset / np.linalg.norm(offset), 0.0, 799.9)
+        assert part_of(grid.report_key('rig', rig)) in parts[grid.cell_of(target)]
+    assert len(parts) == 16 and sorted(all_cells(grid, 0, 2)) + sorted(all_cells(grid, 1, 2)) == sorted(parts)
+    with pytest.raises(ValueError, match='reach is 250 m, expected up to the size of a cell, 200 m'):
+        Grid(4, 200.0, 250.0).parts((0, 0))
+
+
+def test_drones_keep_their_names_across_borders():
+    """2 x 2 cells and 14 rigs that no list names; each drone has one track at a time, and no name changes."""
+    world, names = World(GRID, 14, 2, 3), Names(GRID, 2)
+    cells = {place: Cell(place, GRID) for place in all_cells(GRID, 0, 1)}
+    takers = {part: [cell for place, cell in cells.items() if part in GRID.parts(place)]
+              for place in cells for part in GRID.parts(place)}
+    parts = [part_of(GRID.report_key('rig', place)) for place in world.places]
+    for step in range(60):
+        time = 0.25 * step
+        for rig, part in enumerate(parts):
+            message = world.report(rig, time + 0.01 * rig, 1000.0)
+            for cell in takers[part]:
+                cell.on_report(f'rig{rig}', message, 1000.0 + time + 0.1)
+        for cell in cells.values():
+            message = cell.output(1000.0 + time + 0.2)
+            for other in GRID.neighbours(cell.place):
+                cells[other].on_tracks(message, 1000.0 + time + 0.2)
+            for one in message.tracks:
+                names.take(one.id, time + 0.2, np.array([one.position.x, one.position.y, one.position.z]),
+                           np.array([one.velocity.x, one.velocity.y, one.velocity.z]))
+        if time > 4.0:
+            names.look(time + 0.2, world.drones(time + 0.2))
+    assert names.borders >= 2 and names.changes == 0
+    assert names.found > 0.95 * names.looks and names.twice < 0.05 * names.looks
+
+
+@pytest.mark.parametrize(('place', 'late'), [(np.nan, 0.1), (-1e30, 0.1), (0.0, -0.3), (0.0, 2.5), (0.0, -1e9)])
+def test_a_report_without_a_place_or_of_another_time_is_refused(place, late):
+    """Nothing of it is left: one from the future would make all others' reports late."""
+    cell, message = Cell((0, 0), GRID), World(GRID, 14, 2, 3).report(0, 0.0, 1000.0)
+    message.position[1] = place or message.position[1]
+    with pytest.raises(ValueError, match=r'rig is at|stamp of rig'):
+        cell.on_report('rig', message, 1000.0 + late)
+    assert not cell.tracker.rigs
+    with pytest.raises(ValueError, match='rig reports by version 0'):
+        cell.on_report('rig', RigReport(), 0.0)
+
+
+def neighbours_track(**values):
+    """A track as a cell publishes it, but for some values."""
+    track = WorldTrack(id=2 * NAMES + 7, existence=0.9, positioned=True, position=Point(x=60.0, y=50.0, z=40.0),
+                       velocity=Vector3(x=12.0))
+    for name, value in values.items():
+        setattr(track, name, value)
+    return track
+
+
+@pytest.mark.parametrize('values', [
+    {'position': Point(x=np.nan)}, {'position': Point(z=np.inf)}, {'position': Point(y=-3e7)}, {'velocity': Vector3(y=np.nan)},
+    {'velocity': Vector3(x=-4e3)}, {'positioned': False}, {'id': 0}, {'id': 4 * NAMES}], ids=lambda values: '-'.join(values))
+def test_a_track_that_no_cell_publishes_is_refused(values):
+    """With the whole message, and what was known stays."""
+    cell = Cell((0, 0), GRID)
+    cell.on_tracks(message_of(neighbours_track()), 1000.1)
+    with pytest.raises(ValueError, match="a neighbour's track"):
+        cell.on_tracks(message_of(neighbours_track(id=9), neighbours_track(**values)), 1000.1)
+    assert list(cell._foreign) == [2 * NAMES + 7]
+
+
+def message_of(*tracks, stamp=1000.0):
+    return WorldTrackArray(header=Header(stamp=to_stamp(stamp)), tracks=list(tracks))
+
+
+def test_tracks_of_another_time_or_without_number_are_refused():
+    """A name from the future would last for ever; floods of names do not fill the memory."""
+    cell, known = Cell((0, 0), GRID), message_of(neighbours_track())
+    for late in (-0.5, -1e8, 3.0):
+        with pytest.raises(ValueError, match='stamp of a neighbour'):
+            cell.on_tracks(known, 1000.0 + late)
+    cell.on_tracks(known, 1000.0)
+    cell.on_tracks(message_of(neighbours_track(position=Point(x=1.0)), stamp=999.0), 1000.0)
+    assert cell._foreign[2 * NAMES + 7].position[0] == 60.0, 'an older message does not replace a newer one'
+    with pytest.raises(ValueError, match='more than 100 targets'):
+        cell.on_tracks(message_of(*(neighbours_track(id=number) for number in range(1, 200))), 1000.0)
+    for first in range(1, 3000, 100):
+        with suppress(ValueError):
+            cell.on_tracks(message_of(*(neighbours_track(id=number) for number in range(first, first + 100))), 1000.0)
+    assert len(cell._foreign) <= 800
+
+
+@pytest.mark.system
+def test_the_command_prints_what_crosses_a_router_that_dies():
+    """12 rigs and 4 cells as processes; the router is dead from 1 to 1.2 s. Every report is sent, most of them arrive."""
+    pytest.importorskip('zenoh', reason='needs eclipse-zenoh')
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    given = {'rigs': 12, 'cells': 2, 'size': 100, 'reach': 100, 'drones': 1, 'duration': 2, 'outage': 0.2, 'processes': 1,
+             'router': f'tcp/127.0.0.1:{port}'}
+    done = subprocess.run([sys.executable, '-m', 'av_evaluation.cli.city', *(f'--{key}={each}' for key, each in given.items())],
+                          capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    sent, received = (float(re.search(pattern, done.stdout, re.M)[1])
+                      for pattern in (r'^rigs +([\d.]+)', r'^cells 1(?: +[\d.]+){2} +([\d.]+)'))
+    assert sent == 48.0 and received > 10.0
