@@ -45,6 +45,7 @@ setup(
             'range = av_evaluation.cli.range:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',
+            'sight_truth = av_evaluation.cli.sight_truth:main',
             'soak = av_evaluation.cli.soak:main',
         ],
     },

@@ -3,7 +3,8 @@
 The source moves through known azimuths while FILE is recorded. TRUTH.csv has the header `time,azimuth_deg` and one row per
 instant: s since the beginning of the file, degrees counter-clockwise from x of the array's frame. Azimuths are interpolated
 between the rows, along the shorter arc, but not to a row without one. With `--guided` FILE and TRUTH.csv are recorded first:
-the program says where to carry a loudspeaker.
+the program says where to carry a loudspeaker. With `--from-bag BAG` they are extracted from a bag, in which the camera saw
+the source.
 
 Exit codes: 0 good, 3 usable beyond 20 degrees from end-fire, 4 do not use (no array file is written), 1 an error.
 """
@@ -11,6 +12,7 @@ Exit codes: 0 good, 3 usable beyond 20 degrees from end-fire, 4 do not use (no a
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,20 +58,26 @@ def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
     return calibrate(array, true_azimuths[known], paths[known]), measured_times[known]
 
 
-def record_guided(options: argparse.Namespace) -> None:
-    """Record FILE and the truth. Raises OSError or ValueError."""
-    channels = options.channels or range(MicrophoneArray.load(options.array).channels)
-    source = DeviceSource(options.device, options.sample_rate, channels)
-    record(source, options.places, options.dwell, options.file, options.truth)
-    options.channels = []    # chosen already
+def obtain_recording(options: argparse.Namespace) -> None:
+    """Record FILE and the truth, or extract them from a bag, if asked for. Raises OSError or ValueError."""
+    if options.guided:
+        channels = options.channels or range(MicrophoneArray.load(options.array).channels)
+        source = DeviceSource(options.device, options.sample_rate, channels)
+        record(source, options.places, options.dwell, options.file, options.truth)
+        options.channels = []    # chosen already
+    elif options.from_bag:
+        # a program of its own, as a robot need not have what reads bags
+        command = ['ros2', 'run', 'av_evaluation', 'sight_truth', options.from_bag, '--sound', options.file, '--truth',
+                   options.truth, '--array', options.array]
+        if subprocess.run(command, check=False).returncode:
+            raise ValueError(f'{options.from_bag}: no recording with known azimuths could be extracted (needs av_evaluation)')
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. Exits with the code of the verdict, or returns if it is good."""
     options = make_parser().parse_args(arguments)
     try:
-        if options.guided:
-            record_guided(options)
+        obtain_recording(options)
         calibration, times = calibrate_file(options)
         judgement = judge(calibration)
         for line in outlier_lines(calibration, times):
@@ -89,10 +97,12 @@ def make_parser() -> argparse.ArgumentParser:
     """The options."""
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('file', help='sound file of two microphones; written with --guided')
+    parser.add_argument('file', help='sound file of two microphones; written with --guided and --from-bag')
     parser.add_argument('--truth', required=True, metavar='CSV', help='azimuths of the source: time, azimuth_deg; likewise')
     parser.add_argument('--output', required=True, metavar='YAML', help='array file to write')
-    parser.add_argument('--guided', action='store_true', help='record first: says where to carry a loudspeaker')
+    origin = parser.add_mutually_exclusive_group()
+    origin.add_argument('--guided', action='store_true', help='record first: says where to carry a loudspeaker')
+    origin.add_argument('--from-bag', metavar='BAG', help='extract the sound, and what the camera saw, from a bag first')
     parser.add_argument('--device', default='', help='guided: name, part of it or index of the device')
     parser.add_argument('--sample-rate', type=int, default=48_000, metavar='HZ',
                         help='guided: sample rate (default: %(default)s)')
