@@ -12,7 +12,7 @@ from av_common.angles import wrap
 from av_fusion.calibration.array_calibration import SIGMAS, ArraySelfCalibration
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
-from av_fusion.tracks.motion import MotionModel
+from av_fusion.tracks.motion import Elevation, MotionModel
 from av_fusion.tracks.settings import FilterSettings
 
 
@@ -26,7 +26,8 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
     """RMS error (deg) of sound alone, after 20 s in which the camera saw the target swinging."""
     random = np.random.default_rng(seed)
     sensors = SimulatedSensors(seed)
-    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(MotionModel(usual_elevation=0.0)), self_calibration=enabled))
+    level = MotionModel(elevations=(Elevation(0.0, math.radians(10.0) ** 2, 1.0),))
+    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(level), self_calibration=enabled))
     errors = []
     for step in range(20 * 32):
         t = 100.0 + step / 20.0

@@ -15,7 +15,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tan
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
-from av_fusion.tracks.motion import CLIMB_S, MotionModel
+from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
 from av_fusion.tracks.past_state import Alternatives, PastState, Row
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
@@ -63,6 +63,7 @@ class GaussianComponent:
         across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
         inverse_range (1/m): of the target.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
+        usual: distribution to which the elevation returns.
         p_hidden: probability that fog, or something near, hides the target from the camera.
         hidden_time (s): time for which p_hidden is valid.
         p_unheard: probability that the target cannot be heard, because louder sources mask it.
@@ -81,6 +82,7 @@ class GaussianComponent:
     up_rate: float = 0.0
     inverse_range: float = 0.03
     elevation_measured: bool = False
+    usual: Elevation = field(default=Elevation(0.0, 1.0, 1.0), repr=False)
     p_hidden: float = 0.0
     hidden_time: float = -math.inf
     p_unheard: float = 0.0
@@ -131,14 +133,14 @@ class GaussianComponent:
             moved (m): displacement of the rig meanwhile, in the world.
         """
         level, late = math.cos(self.elevation) ** 2, max(dt, 0.0)
-        kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
+        kept = math.exp(-0.5 * level * late * model.elevation_density / self.usual.variance)
         held = math.exp(-level * late / CLIMB_S)
         forgotten = math.exp(-late / RANGE_S)
         step = _IDENTITY.copy()
         step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
         step[4, 4], s = forgotten, self.inverse_range
         across = dt * self.across_rate
-        up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - model.usual_elevation)
+        up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - self.usual.mean)
         if moved != ZERO:
             left, above = tangents(self.azimuth, self.elevation)
             beside, below, nearer = dot(moved, left), dot(moved, above), dot(moved, self.direction)
@@ -178,7 +180,7 @@ class GaussianComponent:
             covariances[:, k, k + 2] += density * dt**2 / 2.0
             covariances[:, k + 2, k] += density * dt**2 / 2.0
             covariances[:, k + 2, k + 2] += density * dt
-        covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
+        covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
         covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
 
     def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> GaussianComponent:
@@ -258,6 +260,19 @@ class GaussianComponent:
         self.covariances = (self.covariances - both - both.transpose(0, 2, 1)
                             + gain[:, :, None] * gain[:, None, :] * spread)
         self.offsets = self.offsets + gain * mean[:, None]
+        self.recentre()
+
+    def update_moments(self, past: PastState, row: Row, shifts: NDArray[np.float64], changes: NDArray[np.float64]) -> None:
+        """Update by new moments of one quantity.
+
+        Parameters:
+            past: the component at the time for which they hold.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
+            shifts (k,), changes (k,): of its mean and its variance in each mode.
+        """
+        gain = past.gains @ np.array(row) / np.maximum(past.variances(row), 1e-12)[:, None]
+        self.covariances = self.covariances + gain[:, :, None] * gain[:, None, :] * changes[:, None, None]
+        self.offsets = self.offsets + gain * shifts[:, None]
         self.recentre()
 
     def weigh_modes(self, likelihoods: NDArray[np.float64]) -> None:

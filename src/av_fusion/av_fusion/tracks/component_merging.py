@@ -45,7 +45,7 @@ def are_mergeable(one: GaussianComponent, other: GaussianComponent) -> bool:
     """Whether direction and rates of both agree within their standard deviations, so that their sum has one peak."""
     across, up = _offset(one, other)
     variances = one.covariance.diagonal() + other.covariance.diagonal()
-    return bool(across**2 < variances[0] and up**2 < 9.0 * variances[1]
+    return bool(across**2 < variances[0] and up**2 < 2.0 * variances[1]
                 and (other.across_rate - one.across_rate) ** 2 < variances[2]
                 and (other.up_rate - one.up_rate) ** 2 < 9.0 * variances[3])
 

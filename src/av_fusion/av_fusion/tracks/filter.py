@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +18,7 @@ from av_fusion.measurement.vectors import Rows, Vector
 from av_fusion.tracks.association import association_probabilities, free_factors, unclaimed
 from av_fusion.tracks.component import ASSOCIATED
 from av_fusion.tracks.component_merging import are_mergeable
-from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
+from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, births_of, hear
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
@@ -155,7 +156,7 @@ class MultiBernoulliFilter:
             self._note_told_apart(shares)
             new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
-                begun = self._begin(time, [birth_of(direction, settings)], existence)
+                begun = self._begin(time, partial(births_of, [direction], settings), existence)
                 if begun is not None:
                     begun.mixture.note_measured(seen=time)
                     begun.score = detection.score
@@ -164,9 +165,10 @@ class MultiBernoulliFilter:
         self._detect(view_share * settings.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
-    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float) -> Track | None:
+    def _begin(self, time: float, begin: Callable[[], list[BirthComponent]], existence: float) -> Track | None:
         """Begin a track with a measurement that no track explains; None where it hardly is a target."""
-        if not births or existence < self._settings.least_existence:
+        births = begin() if existence >= self._settings.least_existence else []
+        if not births:
             return None
         self._newest_id += 1
         track = Track(self._newest_id, time, births, existence, self._settings, self._motion)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from math import tau
 from typing import NamedTuple
 
-from av_fusion.measurement.measurements import Cone, DoaMeasurement
+from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
+from av_fusion.measurement.vectors import Vector, angles, dot, tangents, turned
 from av_fusion.tracks.likelihood import DirectionLikelihood, DoaLikelihood, WorldCone, WorldDirection
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
@@ -22,14 +24,14 @@ class Hearing(NamedTuple):
 
     Parameters:
         likelihood: compares it with components.
-        births: components that it may start.
+        births: gives the components that it may start.
         confidence: probability that it stems from a source.
         peak: density of the measurement over a uniform one, at its mode.
         end_fire: axis in the world at whose vertical plane components are to be split first; None for none.
     """
 
     likelihood: DoaLikelihood
-    births: list[BirthComponent]
+    births: Callable[[], list[BirthComponent]]
     confidence: float
     peak: float
     end_fire: Vector | None = None
@@ -60,44 +62,34 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(tau * variance) / UNIFORM_DENSITY
     attitude, cone = motion.attitude(time), measurement.cone
     if cone is None:
-        likelihood, births = _hear_directions(measurement, attitude, floor, fraction, settings)
-        return Hearing(likelihood, births, measurement.confidence, peak)
-    axis = turned(attitude, cone.axis)
+        directions = [WorldDirection.of(hypothesis, attitude, floor) for hypothesis in measurement.hypotheses]
+        tempered = [direction._replace(across_variance=direction.across_variance / fraction,
+                                       up_variance=direction.up_variance / fraction) for direction in directions]
+        return Hearing(DirectionLikelihood(tempered), partial(births_of, directions, settings), measurement.confidence, peak)
+    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared)
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
-    return Hearing(*_hear_cone(cone, axis, fraction, settings), measurement.confidence, peak, axis if off_axis else None)
+    return Hearing(heard._replace(variance=heard.variance / fraction), partial(heard.births, settings.model.elevations),
+                   measurement.confidence, peak, heard.axis if off_axis else None)
 
 
-def _hear_cone(cone: Cone, axis: Vector, fraction: float, settings: FilterSettings
-               ) -> tuple[DoaLikelihood, list[BirthComponent]]:
-    """A cone about an axis in the world."""
-    model, variance = settings.model, cone.variance + settings.sound_floor_sigma**2 * cone.slope_squared
-    births = WorldCone(axis, cone.cosine, variance).births(model.usual_elevation, model.usual_elevation_variance)
-    return WorldCone(axis, cone.cosine, variance / fraction), births
+def births_of(directions: Sequence[WorldDirection], settings: FilterSettings) -> list[BirthComponent]:
+    """Components at alternative directions; of mirror images the one at the commoner elevation is the more likely."""
+    births = [_birth_of(direction, settings) for direction in directions]
+    weights = [settings.model.prior_of(birth.elevation, birth.vv) for birth in births]
+    return [birth._replace(share=weight / sum(weights)) for birth, weight in zip(births, weights, strict=True)]
 
 
-def _hear_directions(measurement: DoaMeasurement, attitude: Rows, floor: float, fraction: float, settings: FilterSettings
-                     ) -> tuple[DoaLikelihood, list[BirthComponent]]:
-    """Alternative directions; of mirror images the one closer to the usual elevation is the more likely."""
-    heard = [WorldDirection.of(hypothesis, attitude, floor) for hypothesis in measurement.hypotheses]
-    births = [birth_of(direction, settings) for direction in heard]
-    usual, spread = settings.model.usual_elevation, settings.model.usual_elevation_variance
-    weights = [math.exp(max(-0.5 * (b.elevation - usual) ** 2 / (spread + b.vv), -300.0)) for b in births]
-    births = [birth._replace(share=weight / sum(weights)) for birth, weight in zip(births, weights, strict=True)]
-    return DirectionLikelihood([d._replace(across_variance=d.across_variance / fraction,
-                                           up_variance=d.up_variance / fraction) for d in heard]), births
-
-
-def birth_of(direction: WorldDirection, settings: FilterSettings) -> BirthComponent:
+def _birth_of(direction: WorldDirection, settings: FilterSettings) -> BirthComponent:
     """A component at a measured direction.
 
     Parameters:
         direction: the direction in the world.
-        settings: of targets; their usual elevation is that of a direction without one.
+        settings: of targets; the commonest elevation is that of a direction without one.
     """
     azimuth, elevation = angles(direction.vector)
     across, variance = direction.across_variance, direction.up_variance
     if not direction.is_known:
-        elevation, variance = settings.model.usual_elevation, settings.model.usual_elevation_variance
+        elevation, variance, _ = settings.model.elevations[0]
     left, above = tangents(azimuth, elevation)
     c, s = dot(direction.left, left), dot(direction.left, above)
     return BirthComponent(azimuth, elevation, c * c * across + s * s * variance, c * s * (across - variance),

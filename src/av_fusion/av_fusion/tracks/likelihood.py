@@ -14,6 +14,7 @@ from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, tu
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.mixture import BirthComponent
+from av_fusion.tracks.motion import Elevation
 from av_fusion.tracks.past_state import PastState, Row
 
 
@@ -153,32 +154,41 @@ class WorldCone(NamedTuple):
         means, variances, row = expected_cosine(past, self.axis)
         return Deviation(row, self.cosine - means, variances + self.variance, self.variance)
 
-    def births(self, elevation: float, variance: float) -> list[BirthComponent]:
-        """Both images: where the cone meets the likely elevations of the sky, clockwise of the axis first.
+    def births(self, elevations: Sequence[Elevation]) -> list[BirthComponent]:
+        """Both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
 
-        None for an axis that is close to the vertical, whose cone meets all azimuths.
+        None for an axis that is close to the vertical, whose cone meets all azimuths. Their shares are those of the elevations,
+        times the density of the cosine there, where all azimuths are equally likely.
 
         Parameters:
-            elevation (rad), variance (rad^2): usual elevation of targets and its variance.
+            elevations: prior of elevations of targets.
         """
-        x, y, z = self.axis
-        level = math.hypot(x, y)
-        if level < LEAST_LEVEL:
+        if math.hypot(self.axis[0], self.axis[1]) < LEAST_LEVEL:
             return []
+        found = [image for usual in elevations for image in self._images(usual)]
+        total = sum([image.share for image in found])
+        return [image._replace(share=image.share / total) for image in found]
+
+    def _images(self, usual: Elevation) -> list[BirthComponent]:
+        """Both images of about one elevation; their shares are not normalised."""
+        x, y, z = self.axis
+        level, variance = math.hypot(x, y), usual.variance
         climb, angle = math.asin(min(max(z, -1.0), 1.0)), math.acos(min(max(self.cosine, -1.0), 1.0))
-        elevation = min(max(elevation, climb - angle, -0.5 * math.pi), climb + angle, 0.5 * math.pi)
+        highest = min(climb + angle, math.pi - climb - angle)
+        elevation = min(max(usual.mean, climb - angle, -0.5 * math.pi), climb + angle, 0.5 * math.pi)
         width, sine = level * max(math.cos(elevation), 0.05), math.sin(elevation)
         ratio = min(max((self.cosine - z * sine) / width, -1.0), 1.0)
         to_elevation = (self.cosine * sine - z) / (width * math.cos(elevation)) if math.cos(elevation) > 0.05 else 0.0
         noise = self.variance / width**2
         steepness = math.sqrt(max(1.0 - ratio * ratio, math.sqrt(noise + to_elevation**2 * variance)))
         apart, azimuth, cosine = math.acos(ratio), math.atan2(y, x), math.cos(elevation)
+        share = usual.share * 0.5 * math.erfc((usual.mean - highest) / math.sqrt(2.0 * variance)) / (width * steepness)
         images = []
         for side in (-1.0, 1.0):
             slope = -side * to_elevation / steepness  # of the azimuth by elevation
             images.append(BirthComponent(math.remainder(azimuth + side * apart, math.tau), elevation,
                                          (noise / steepness**2 + slope * slope * variance) * cosine**2,
-                                         slope * variance * cosine, variance, 0.5))
+                                         slope * variance * cosine, variance, share, usual=usual))
         return images
 
 

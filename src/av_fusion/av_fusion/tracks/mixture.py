@@ -13,7 +13,7 @@ import numpy as np
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents
 from av_fusion.tracks.component import SIZE, GaussianComponent
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
-from av_fusion.tracks.motion import MotionModel
+from av_fusion.tracks.motion import Elevation, MotionModel
 
 AGREEING = math.radians(10.0)  # components closer together are one direction
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
@@ -30,6 +30,7 @@ class BirthComponent(NamedTuple):
         hh, hv, vv (rad^2): its covariance across and up.
         share: probability of this direction among the mirror images of its measurement.
         elevation_measured: whether the elevation was measured.
+        usual: distribution to which the elevation returns.
     """
 
     azimuth: float
@@ -39,6 +40,7 @@ class BirthComponent(NamedTuple):
     vv: float
     share: float = 1.0
     elevation_measured: bool = False
+    usual: Elevation | None = None
 
 
 class GaussianMixture:
@@ -135,7 +137,7 @@ class GaussianMixture:
         covariance[0, 1] = covariance[1, 0] = birth.hv
         return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
                                  np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
-                                 elevation_measured=birth.elevation_measured)
+                                 elevation_measured=birth.elevation_measured, usual=birth.usual or model.elevations[0])
 
     def reduce(self) -> None:
         """Normalise, merge components that agree, and remove those of little weight."""

@@ -4,11 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 CLIMB_S = 1.0  # time constant of changes of the vertical rate of targets close to the horizon
+
+
+class Elevation(NamedTuple):
+    """A Gaussian of the prior of elevations.
+
+    Parameters:
+        mean (rad), variance (rad^2): of the elevation.
+        share: its weight.
+    """
+
+    mean: float
+    variance: float
+    share: float
+
+
+def _elevations(*degrees: tuple[float, float, float]) -> tuple[Elevation, ...]:
+    return tuple(Elevation(math.radians(mean), math.radians(sigma)**2, share) for mean, sigma, share in degrees)
 
 
 @dataclass(frozen=True)
@@ -19,7 +37,8 @@ class MotionModel:
 
     Parameters:
         elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
-        usual_elevation (rad), usual_elevation_variance (rad^2): its stationary distribution.
+        elevations: prior of the elevation, a sum of Gaussians, the commonest first, to which it returns. The share of high
+            targets bounds what a camera tells that shows nothing ahead: the target may be above its view.
         accelerations (k,) (rad^2/s^3): spectral density of the angular acceleration by mode: steady flight, 0.4 m/s^2 for a
             second at 20 m, and manoeuvres, 4 m/s^2.
         shares (k,): stationary probabilities of the modes.
@@ -28,12 +47,17 @@ class MotionModel:
     """
 
     elevation_density: float = 0.001
-    usual_elevation: float = math.radians(10.0)
-    usual_elevation_variance: float = math.radians(10.0) ** 2
+    elevations: tuple[Elevation, ...] = _elevations((9.0, 8.0, 0.98), (38.0, 13.0, 0.02))
     accelerations: NDArray[np.float64] = field(default_factory=lambda: np.array([0.001, 0.1]), repr=False)
     shares: NDArray[np.float64] = field(default_factory=lambda: np.array([0.8, 0.2]), repr=False)
     sojourn: float = 1.0
     usual_inverse_range: float = 0.03
+
+    def prior_of(self, elevation: float, variance: float) -> float:
+        """Prior density (1/rad) of an elevation (rad) that was measured with a variance (rad^2), but for a common factor."""
+        totals = [usual.variance + variance for usual in self.elevations]
+        return sum(usual.share * math.exp(max(-0.5 * (elevation - usual.mean) ** 2 / total, -300.0)) / math.sqrt(total)
+                   for usual, total in zip(self.elevations, totals, strict=True))
 
     @property
     def climb_variance(self) -> float:

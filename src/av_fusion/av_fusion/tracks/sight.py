@@ -13,7 +13,7 @@ from av_fusion.measurement.measurements import CameraMeasurement, Detection
 from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.likelihood import Deviation, WorldDirection, distances, share_within
-from av_fusion.tracks.past_state import PastState
+from av_fusion.tracks.past_state import PastState, Row
 
 
 class Image(NamedTuple):
@@ -51,6 +51,7 @@ class SightComparison(NamedTuple):
 
     Parameters:
         component, past: the component, and its direction at the capture time.
+        extents: see `extents`.
         deviations: of each detection.
         chance: probability that the target is in view and detected if nothing hides it.
         missed: probability that the image does not show the target.
@@ -59,6 +60,7 @@ class SightComparison(NamedTuple):
 
     component: GaussianComponent
     past: PastState
+    extents: Sequence[Extent]
     deviations: Sequence[Sequence[Deviation]]
     chance: float
     missed: float
@@ -73,12 +75,13 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
         image: the image.
         detected: probability that a target in view is detected where nothing hides it.
     """
-    chance = detected * share_in_view(past, image.view, image.measurement)
+    ranges = extents(past, image.view, image.measurement)
+    chance = detected * math.prod([extent.share(past) for extent in ranges])
     deviations = [direction.deviations(past) for direction in image.directions]
     width = 2.0 * image.measurement.half_view
     found = [detected * odds_of(detection) * width * _densities(parts)
              for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
-    return SightComparison(component, past, deviations, chance, component.missed_detection(chance),
+    return SightComparison(component, past, ranges, deviations, chance, component.missed_detection(chance),
                            np.array(found).reshape(len(found), len(component.modes)).T)
 
 
@@ -87,8 +90,26 @@ def _densities(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
     return np.asarray(np.exp(-0.5 * distances(deviations)) / np.sqrt(math.tau * deviations[0].totals))
 
 
-def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> float:
-    """Probability that a component is in the field of view.
+class Extent(NamedTuple):
+    """An angle of a component in the camera's frame, and the interval of it that the image shows.
+
+    Parameters:
+        angle (rad): azimuth or elevation.
+        row: its derivatives with respect to the direction across and up.
+        half_width (rad): the image shows angles from minus to plus this.
+    """
+
+    angle: float
+    row: Row
+    half_width: float
+
+    def share(self, past: PastState) -> float:
+        """Probability that the angle is within the interval."""
+        return share_within(self.half_width, self.angle, past.variance(self.row))
+
+
+def extents(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> list[Extent]:
+    """Azimuth and elevation of a component in the camera's frame, see `Extent`.
 
     Parameters:
         past: the component at the image's capture time.
@@ -97,12 +118,36 @@ def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMe
     """
     x, y, z = (dot(axis, past.direction) for axis in view)
     azimuth, elevation = angles((x, y, z))
-    across, up = tangents(azimuth, elevation)
     rows = [(sum(a * dot(axis, past.left) for a, axis in zip(part, view, strict=True)),
-             sum(a * dot(axis, past.above) for a, axis in zip(part, view, strict=True))) for part in (across, up)]
-    level = max(math.cos(elevation) ** 2, 1e-6)
-    return (share_within(measurement.half_view, azimuth, past.variance(rows[0]) / level)
-            * share_within(measurement.half_height, elevation, past.variance(rows[1])))
+             sum(a * dot(axis, past.above) for a, axis in zip(part, view, strict=True)))
+            for part in tangents(azimuth, elevation)]
+    level = max(math.cos(elevation), 1e-3)
+    return [Extent(azimuth, (rows[0][0] / level, rows[0][1] / level), measurement.half_view),
+            Extent(elevation, rows[1], measurement.half_height)]
+
+
+def truncated(extent: Extent, past: PastState, seen: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Changes (k,) of mean (rad) and variance (rad^2) of an angle in each mode by an image that does not show the target.
+
+    The density is multiplied by 1 - `seen` within the interval, as by negative information (Koch, On negative information in
+    tracking and sensor data fusion, FUSION 2004), and its moments are kept.
+
+    Parameters:
+        extent: the angle.
+        past: the component at the image's capture time.
+        seen: probability that the image shows the target if the angle is within the interval.
+    """
+    variances = np.maximum(past.variances(extent.row), 1e-12)
+    sigmas, means = np.sqrt(variances), past.deviations(extent.row) + extent.angle
+    inside = first = second = np.zeros(len(means))
+    for side in (-1.0, 1.0):    # moments of a standard normal variable below each end
+        end = (side * extent.half_width - means) / sigmas
+        density = np.exp(-0.5 * end**2) / math.sqrt(math.tau)
+        below = np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in end.tolist()])
+        inside, first, second = inside + side * below, first - side * density, second + side * (below - end * density)
+    left = 1.0 - seen * inside
+    shift = -seen * first / left
+    return shift * sigmas, ((1.0 - seen * second) / left - shift**2 - 1.0) * variances
 
 
 def odds_of(detection: Detection) -> float:

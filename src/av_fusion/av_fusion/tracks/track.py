@@ -21,7 +21,7 @@ from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, n
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
 from av_fusion.tracks.past_state import Alternatives, PastState
 from av_fusion.tracks.settings import FilterSettings
-from av_fusion.tracks.sight import Image, SightComparison, compare
+from av_fusion.tracks.sight import Image, SightComparison, compare, truncated
 
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
@@ -219,7 +219,7 @@ class Track:
         """
         primary, self.score = self.mixture.primary(), 0.0
         for comparison in compared:
-            score = _update_by_image(image, comparison, free)
+            score = _update_by_image(image, comparison, free, self._settings.detection_probability)
             self.score = score if comparison.component is primary else self.score
         self.mixture.reduce()
 
@@ -279,15 +279,17 @@ def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDAr
         component.newest_doa = max(component.newest_doa, time)
 
 
-def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64]) -> float:
+def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64], detected: float) -> float:
     """Weigh and update a component by an image; the score of the detection that supports it, 0 if none does.
 
     Parameters:
         image: the image.
         compared: of the component with it.
         free (m,): how far each detection is free for this target.
+        detected: probability that a target in view is detected where nothing hides it.
     """
     component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
+    visible = 1.0 - component.p_hidden
     if image.directions:
         found = compared.found * free
         likelihoods = compared.missed + np.add.reduce(found, axis=1)
@@ -300,9 +302,25 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         if sum(whole) >= ASSOCIATED:
             component.newest_sighting = max(component.newest_sighting, image.time)
         hidden = compared.missed / likelihood  # what was detected is not hidden
+    if hidden > ASSOCIATED:
+        _update_by_absence(compared, visible * detected, image.fraction)
     component.update_hidden(compared.chance, image.fraction, hidden)
     component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
     return score
+
+
+def _update_by_absence(compared: SightComparison, seen: float, fraction: float) -> None:
+    """Update a component by an image that does not show it: it is beyond the edges rather than within.
+
+    Parameters:
+        compared: the component with the image.
+        seen: probability that the target is detected in view.
+        fraction: effective sample fraction of the image.
+    """
+    shares = [extent.share(compared.past) for extent in compared.extents]
+    for extent, other in zip(compared.extents, reversed(shares), strict=True):
+        here = 1.0 - (1.0 - seen * other) ** fraction
+        compared.component.update_moments(compared.past, extent.row, *truncated(extent, compared.past, here))
 
 
 def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float64]) -> None:
