@@ -91,6 +91,19 @@ def test_tilting_tells_the_side_of_what_is_above(contract):
     contract(at_most('declared wrong', float(np.mean(wrong or [1.0])), 0.05), at_least('decided', float(np.mean(ends)), 0.8))
 
 
+def test_a_pair_that_turns_is_not_misled_by_what_flies_above_the_view_of_its_camera(contract):
+    """40 deg up, 12 deg above the images, which show nothing: the cosine falls with the elevation, its sign tells the side."""
+    wrong, far = [], []
+    for seed, azimuth in enumerate((20.0, 50.0, 110.0, -40.0, -150.0)):
+        rig = FormulaRig([Source.at(azimuth, 40.0)], visibility=lambda t: 1.0, seed=seed,
+                         attitude=lambda t: Rotation.from_euler('z', 25.0 * math.sin(0.8 * t), degrees=True)).run(14.0)
+        wrong += declared(rig, 4.0)
+        far += [abs(wrapped(math.degrees(m.bearing.azimuth) - azimuth_of(rig.body(m.t)))) > 20.0 for m in rig.following(4.0)
+                if m.bearing.resolved]
+    contract(at_most('declared wrong', float(np.mean(wrong)), 0.05),
+             at_most('resolved beyond 20 deg', float(np.mean(far)), 0.2))
+
+
 def test_a_detection_tells_the_side(contract):
     """Heard for 2 s without images, then the camera shows it: in front, within three images."""
     times = []
