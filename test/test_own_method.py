@@ -1,4 +1,4 @@
-"""Methods of a package outside the tree: found, and used by stages and evaluation."""
+"""Methods of a package outside the tree: found, used by stages and evaluation, and part of the key of kept results."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.cli import evaluate, report
 from av_evaluation.experiments.publication import cases_of
+from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
@@ -150,6 +151,26 @@ def test_programs_refuse_an_unknown_detector_with_those_installed(offered, progr
     inputs = ['circle'] if program is evaluate else ['--quick']
     assert program.main([*inputs, '--model', 'magic', '--out', str(tmp_path)]) == 2
     assert 'shipped, dark_specks' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('changed', ['one/method.py', 'one/weights.bin', 'helper.py'])
+def test_the_code_of_a_method_is_part_of_the_key(monkeypatch, tmp_path, changed):
+    """A package without __init__.py, its weights, another module of its distribution; also where parameters name it."""
+    for name, text in (('one/method.py', 'def make(parameters, gimbal): pass'), ('one/weights.bin', '1'), ('helper.py', ''),
+                       ('lab-1.dist-info/METADATA', 'Metadata-Version: 2.1\nName: lab\nVersion: 1'),
+                       ('lab-1.dist-info/top_level.txt', 'helper\none\n'),
+                       ('lab-1.dist-info/entry_points.txt', '[av_rig.trackers]\nchanging = one.method:make\n')):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(vars(TRACKERS), '_places', raising=False)
+    parameters = tmp_path / 'params.yaml'
+    parameters.write_text('/**/fusion_node: {ros__parameters: {method: changing}}\n')
+    cases = [Case('circle', 1, ('changing',)), Case('circle', parameters=(str(parameters),)), Case('circle', 1, ('fused',))]
+    before = [case.key for case in cases]
+    (tmp_path / changed).write_text('x = 12345')
+    assert [case.key == key for case, key in zip(cases, before, strict=True)] == [False, False, True]
+    vars(TRACKERS).pop('_places')
 
 
 def test_an_installed_package_is_in_the_table(tmp_path):

@@ -6,10 +6,13 @@ A package offers a method by a line of `entry_points` in its setup.py or pyproje
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 
@@ -31,6 +34,11 @@ class Methods:
                                 if entry.name not in self._own}}
 
     @property
+    def others(self) -> list[str]:
+        """Names of the methods of other packages."""
+        return [name for name in self._places if name not in self._own]
+
+    @property
     def names(self) -> list[str]:
         """Names of all that can be loaded, those of the suite first."""
         return list(self._places)
@@ -49,3 +57,28 @@ class Methods:
         if name not in self._places:
             raise ValueError(f'method {name!r}, expected one of {", ".join(self.names)}; others are found as entry points '
                              f'{self.group} of installed packages')
+
+    def code(self, name: str) -> str:
+        """Digest of the files of the distribution that offers a method; empty for an unknown name.
+
+        Files that are not Python's, such as weights, count by size and time of change.
+        """
+        digest = hashlib.sha256()
+        for file in sorted(set(self._files(name))):
+            status = file.stat()
+            content = file.read_bytes() if file.suffix == '.py' else f'{status.st_size} {status.st_mtime_ns}'.encode()
+            digest.update(str(file).encode() + content)
+        return digest.hexdigest() if name in self._places else ''
+
+    def _files(self, name: str) -> Iterator[Path]:
+        """Files of the module of a method, and of the other modules of its distribution, also where that is editable."""
+        if name not in self._places:
+            return
+        found = [entry.dist for entry in entry_points(group=self.group) if entry.name == name and entry.dist is not None]
+        modules = [self._places[name].partition(':')[0].partition('.')[0]]
+        modules += [module for one in found for module in (one.read_text('top_level.txt') or '').split()]
+        for spec in filter(None, map(find_spec, modules)):
+            if spec.submodule_search_locations is None:
+                yield Path(str(spec.origin))
+            for folder in spec.submodule_search_locations or ():
+                yield from (file for file in Path(folder).rglob('*') if file.is_file() and file.suffix != '.pyc')

@@ -35,7 +35,7 @@ def made_up(case, error_deg):
     def method():
         errors = error_deg + random.normal(0.0, 0.1, len(time))
         return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), 1.0, 20.0, 1.0, 2.0)
-    return RunResult(case.name, {'input': case.input}, 20.0, {name: method() for name in case.methods},
+    return RunResult(case.name, case.key, {'input': case.input}, 20.0, {name: method() for name in case.methods},
                      truth={'time': time, 'azimuth': 0.0 * time},
                      state={'time': time, 'state': 1.0 + (time > 10.0), 'sigma': 0.1 + 0.0 * time})
 
@@ -93,12 +93,13 @@ def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path):
     assert measured_version(tmp_path) == f'{version}, changed'
 
 
-def test_programs_report_errors_and_interruptions(tmp_path, monkeypatch, capsys):
+def test_programs_report_errors_and_how_to_continue(tmp_path, monkeypatch, capsys):
+    """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
     assert evaluate(['circle', '--methods', 'guessing', '--out', str(tmp_path)]) == 2
     assert "method 'guessing', expected one of fused" in capsys.readouterr().err
     monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
     assert evaluate(['circle', '--out', str(tmp_path)]) == 130
-    assert 'interrupted' in capsys.readouterr().err
+    assert 'the same command continues where it stopped' in capsys.readouterr().err
 
 
 def test_labels_become_azimuths(tmp_path):

@@ -52,6 +52,7 @@ def _faultless(job: tuple[str, int]) -> tuple[str, float, dict[str, bool]]:
 def _each(call: Callable[[Job], Result], jobs: list[Job], processes: int) -> Iterator[Result]:
     """What a function gives for each of some jobs, in several processes where that is asked."""
     progress = Progress()
+    progress.show(0, len(jobs))
     pool = multiprocessing.get_context('spawn').Pool(processes) if processes > 1 else None
     for number, result in enumerate(map(call, jobs) if pool is None else pool.imap(call, jobs), 1):
         progress.show(number, len(jobs))

@@ -77,6 +77,7 @@ def replay(options: argparse.Namespace) -> int:
         length = min(bag.length - options.start, options.duration)
         print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
         progress = Progress('s', options.quiet)
+        progress.show(0.0, length)
         began, worked = time.monotonic(), time.process_time()
         log = run.run(out, lambda done: progress.show(done, length))
         progress.show(length, length)

@@ -48,6 +48,11 @@ def check_methods(methods: tuple[str, ...]) -> None:
                              f'points {DOA_METHODS.group} and {TRACKERS.group} of installed packages')
 
 
+def code_of(methods: tuple[str, ...]) -> list[str]:
+    """Digests of the code of those methods that other packages offer."""
+    return [group.code(name) for name in methods if name not in METHODS for group in (DOA_METHODS, TRACKERS)]
+
+
 def is_tracker(method: str) -> bool:
     """Whether a method takes measurements of sound and sight, and gives one bearing."""
     return OWN_TRACKERS.get(method, method) in TRACKERS.names

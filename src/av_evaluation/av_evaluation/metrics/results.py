@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from av_evaluation.metrics.metrics import errors_of
 from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
+MOST_BYTES = 1_000_000_000    # of a kept result, decompressed
 
 
 @dataclass
@@ -51,6 +54,7 @@ class RunResult:
 
     Attributes:
         name: of the run, unique within an evaluation.
+        key: digest of the case and the code, see `Case.key`.
         case: fields of the `Case`.
         span_s (s): time for which errors count.
         methods: results by name of the method.
@@ -65,6 +69,7 @@ class RunResult:
     """
 
     name: str
+    key: str
     case: dict[str, Any]
     span_s: float = 0.0
     methods: dict[str, MethodResult] = field(default_factory=dict)
@@ -76,12 +81,46 @@ class RunResult:
     seen_s: float = math.nan
     tracks: dict[str, Any] = field(default_factory=dict)
 
-    def save(self, path: Path) -> None:
-        """Write all series to an .npz file: those of a method are `METHOD/COLUMN`, others `truth//COLUMN`, `state//COLUMN`."""
+    def save(self, folder: Path) -> None:
+        """Write `<name>-<key>.npz`."""
         columns: dict[str, Any] = {f'{name}/{key}': value for name, method in self.methods.items()
-                                   for key, value in vars(method).items() if isinstance(value, np.ndarray)}
+                   for key, value in vars(method).items() if isinstance(value, np.ndarray)}
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
-        np.savez_compressed(path, **columns)
+        numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
+                   for name, method in self.methods.items()}
+        kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'tracks', 'missing', 'notes')
+        header = {key: getattr(self, key) for key in kept}
+        content = io.BytesIO()
+        np.savez_compressed(content, words=np.array(json.dumps([header, numbers])), **columns)
+        partial = folder / f'{self.name}-{self.key}.part'
+        partial.write_bytes(content.getvalue())
+        partial.replace(folder / f'{self.name}-{self.key}.npz')
+
+    @classmethod
+    def load(cls, folder: Path, name: str, key: str) -> RunResult | None:
+        """Read a result; None where there is none, or its file is incomplete or larger than any result.
+
+        Parameters:
+            folder: to which it was saved.
+            name: of the run.
+            key: of its case.
+        """
+        try:
+            with np.load(folder / f'{name}-{key}.npz') as kept:
+                if sum(entry.file_size for entry in kept.zip.infolist()) > MOST_BYTES:
+                    return None
+                columns = {column: kept[column] for column in kept.files}
+            header, numbers = json.loads(str(columns.pop('words')))
+            result = cls(**header)
+        except (OSError, ValueError, KeyError, MemoryError, BadZipFile):  # absent, or incomplete
+            return None
+        for method, values in numbers.items():
+            arrays = {column.split('/')[1]: value for column, value in columns.items() if column.startswith(f'{method}/')}
+            result.methods[method] = MethodResult(**arrays, **values)
+        for part in ('truth', 'state'):
+            setattr(result, part, {column.split('//')[1]: value for column, value in columns.items()
+                                   if column.startswith(f'{part}//')})
+        return result
 
 
 def errors_together(runs: Sequence[RunResult], method: str) -> NDArray:

@@ -1,13 +1,31 @@
-"""Cases: input, settings and methods of a run."""
+"""Cases: input, settings and methods of a run, with a key by which its result is found on disk."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
+import av_audio
+import av_bags
+import av_common
+import av_evaluation
+import av_fusion
+import av_pointing
+import av_sim_bridge
+import av_simulator
+import av_vision
 from av_audio.localizer import LocalizerSettings
-from av_simulator.config_files import find_config
+from av_audio.methods import DOA_METHODS
+from av_evaluation.experiments.methods import code_of
+from av_fusion.methods import TRACKERS
+from av_simulator.config_files import find_config, shipped
+from av_vision.methods import DETECTORS
+from av_vision.models import shipped_model
 
+PACKAGES = (av_audio, av_bags, av_common, av_evaluation, av_fusion, av_pointing, av_sim_bridge, av_simulator, av_vision)
 BAG_ENDINGS = ('.mcap', '.db3')
 
 
@@ -59,6 +77,16 @@ class Case:
         rig = f'_{Path(self.rig).stem}' if self.rig else ''
         return stem if self.is_bag else f'{stem}_{self.seed}{rig}'
 
+    @property
+    def key(self) -> str:
+        """Digest of everything that the result depends on: case, files, detector, and code, also that of others' methods."""
+        files = ('' if self.data else self.input, self.model, *self.parameters)
+        others = [*code_of(self.methods), DETECTORS.code(self.model) if self.model != 'shipped' else '']
+        if self.parameters:  # which may name any of them
+            others += [group.code(name) for group in (DOA_METHODS, TRACKERS, DETECTORS) for name in group.others]
+        content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code(), *others])
+        return hashlib.sha256(content.encode()).hexdigest()[:12]
+
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a rosbag2, as file or folder; the folder may lack metadata.yaml after an interrupted recording."""
@@ -100,3 +128,33 @@ def _search(folder: Path) -> list[str]:
         elif entry.is_dir() and not entry.name.startswith('.'):
             found += _search(entry)
     return found
+
+
+def _content(name: str) -> str:
+    """Digest of a file's content; of bags and models their sizes and times of change."""
+    path = Path(name)
+    if name in ('', *DETECTORS.names):
+        return ''
+    if is_bag(path) or path.suffix == '.onnx':
+        files = sorted(path.rglob('*')) if path.is_dir() else [path]
+        return str([(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.exists()])
+    file = path if path.suffix == '.yaml' and path.exists() else find_config(name, 'scenarios')
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@cache
+def _rigs() -> list[str]:
+    """The shipped descriptions of rigs, which scenarios name."""
+    return [find_config(name).read_text() for name in shipped('')]
+
+
+@cache
+def _code() -> str:
+    """Digest of the code of PACKAGES and of the shipped detector."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for file in sorted(Path(str(package.__file__)).parent.rglob('*.py')):
+            digest.update(file.read_bytes())
+    for file in sorted(shipped_model().parent.glob('*.onnx')):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

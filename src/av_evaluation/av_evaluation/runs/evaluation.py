@@ -46,7 +46,7 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
     begin = acquired(log)
     ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
     span = max(ends, default=0.0) - begin if math.isfinite(begin) else 0.0
-    result = RunResult(name, {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
+    result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
     for method in methods:
         try:
             result.methods[method] = _evaluate(method, log, record, begin, span, filtered)

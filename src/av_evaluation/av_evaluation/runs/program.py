@@ -1,6 +1,6 @@
 """Common parts of the programs that compute many runs: options, exit codes, progress and messages of errors.
 
-Cases are computed in parallel processes.
+Cases are computed in parallel processes; kept results are read from disk.
 """
 
 from __future__ import annotations
@@ -26,38 +26,48 @@ Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the
 
 
 def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report = lambda done, total, text: None
-              ) -> tuple[dict[Case, RunResult], dict[str, str]]:
+              ) -> tuple[list[RunResult], dict[str, str]]:
     """Compute cases; returns their results in order, and reasons of failures by the names of cases.
 
     Parameters:
         cases: to compute.
-        out: folder for the data of each run, by number and name.
+        out: folder in which results are kept.
         workers: processes, 0 for one for each core.
         report: called after each run.
     """
     out.mkdir(parents=True, exist_ok=True)
-    results: dict[Case, RunResult] = {}
+    results: dict[int, RunResult] = {}
     failures: dict[str, str] = {}
+    keys = [(case.name, case.key) for case in cases]
+    for number, (name, key) in enumerate(keys):
+        kept = RunResult.load(out, name, key)
+        if kept is not None:
+            results[number] = kept
+    left = [number for number in range(len(cases)) if number not in results]
+    report(len(results), len(cases), '')
+    if not left:
+        return [results[number] for number in sorted(results)], failures
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
     # A keyboard interrupt is reported by this process only.
-    pool = ProcessPoolExecutor(min(workers or os.cpu_count() or 1, len(cases)), multiprocessing.get_context('spawn'),
+    pool = ProcessPoolExecutor(min(workers or os.cpu_count() or 1, len(left)), multiprocessing.get_context('spawn'),
                                signal.signal, (signal.SIGINT, signal.SIG_DFL))
     try:
-        running = {pool.submit(run_case, case): case for case in cases}
+        running = {pool.submit(run_case, cases[number]): number for number in left}
         for future in as_completed(running):
-            case = running[future]
+            number = running[future]
             try:
-                results[case] = future.result()
+                results[number] = future.result()
             except (ValueError, OSError) as error:
-                failures[case.name] = str(error)
+                failures[cases[number].name] = str(error)
             except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
-                failures[case.name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
+                failures[cases[number].name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
             else:
-                results[case].save(out / f'{cases.index(case) + 1}_{case.name}.npz')
-            report(len(results) + len(failures), len(cases), case.name)
+                results[number].key = keys[number][1]
+                results[number].save(out)
+            report(len(results) + len(failures), len(cases), cases[number].name)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-    return {case: results[case] for case in cases if case in results}, failures
+    return [results[number] for number in sorted(results)], failures
 
 
 class Progress:
@@ -70,19 +80,24 @@ class Progress:
 
     def __init__(self, unit: str = 'runs', quiet: bool = False) -> None:
         self._unit, self._quiet, self._began = unit, quiet, time.monotonic()
+        self._first: float | None = None
         self._shown = 0.0
 
     def show(self, done: float, total: float, text: str = '') -> None:
-        """Print the progress, where it is due.
+        """Print the progress, where it is due; the first call only sets what was done before.
 
         Parameters:
             done: so far.
             total: of all.
             text: name of what was done last.
         """
-        if not self._quiet and (done >= self._shown + 0.1 * total or done >= total):
+        if self._first is None:
+            self._first = self._shown = done
+            if done and not self._quiet:
+                print(f'{done:g} of {total:g} {self._unit} were computed before', file=sys.stderr)
+        elif not self._quiet and (done >= self._shown + 0.1 * total or done >= total):
             elapsed, self._shown = time.monotonic() - self._began, done
-            left = elapsed / max(done, 1e-9) * (total - done)
+            left = elapsed / max(done - self._first, 1e-9) * (total - done)
             print(f'{done:.0f}/{total:.0f} {self._unit}, {elapsed:.0f} s, {left:.0f} s left: {text}', file=sys.stderr)
 
 
@@ -94,7 +109,7 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
         written: names of the files that the program writes, for the help text.
     """
     add = parser.add_argument
-    add('--out', type=Path, required=True, help=f'folder for {written} and the data of each run')
+    add('--out', type=Path, required=True, help=f'folder for {written} and the result of each run')
     add('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     add('--quiet', action='store_true', help='print no progress')
 
@@ -116,7 +131,7 @@ def run_program(work: Work, parser: argparse.ArgumentParser, arguments: Sequence
         print(f'{parser.prog}: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f'\n{parser.prog}: interrupted', file=sys.stderr)
+        print(f'\n{parser.prog}: interrupted; the same command continues where it stopped ({options.out})', file=sys.stderr)
         return 130
 
 
@@ -132,4 +147,5 @@ def compute(groups: Mapping[Group, Sequence[Case]],
     results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet).show)
     for name, reason in failures.items():
         print(f'{name} failed: {reason}', file=sys.stderr)
-    return {name: [results[case] for case in group if case in results] for name, group in groups.items()}, failures
+    done = {result.key: result for result in results}
+    return {name: [done[case.key] for case in group if case.key in done] for name, group in groups.items()}, failures

@@ -30,7 +30,7 @@ def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError with a message about the input."""
     log, record, notes = _measure(case)
     result = evaluate_run(case.name, log, record, case.methods)
-    result.case = asdict(case)
+    result.case, result.key = asdict(case), case.key
     result.notes += notes
     return result
 
