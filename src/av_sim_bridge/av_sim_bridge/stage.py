@@ -33,6 +33,7 @@ from av_sim_bridge.receiving.streams import (
     OracleReport,
     Sender,
     StampedImage,
+    TimeSyncStream,
     TruthStream,
 )
 from av_sim_bridge.vehicle import to_truth
@@ -95,7 +96,7 @@ class BridgeStage:
         self.target_topics = settings.target_topics
         names = {RIG: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
-        self._truth, self._imu = TruthStream(self._clock, names), ImuStream(self._clock)
+        self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
         self._sequence = 0
         self._commanded = FreshInput()
@@ -181,6 +182,10 @@ class BridgeStage:
         header = messages.make_header(stamp, BASE_FRAME)
         return [('gimbal/state', messages.gimbal_message(header, self.rig.gimbal.frame, sample))]
 
+    def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
+        """Update the offset between the simulator's clock and this machine's."""
+        self._time_sync.take(datagram, arrival, sender)
+
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
         """The datagram of a pointing command for the simulator's control port.
 
@@ -214,7 +219,7 @@ class BridgeStage:
             return None
         return encode_truth(truth)
 
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assemblers = self._audio.decoder.counts, [each.assembler for each in self._images.values()]
         clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
@@ -225,6 +230,7 @@ class BridgeStage:
                 'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu.lost,
                 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
+                'time sync offset (s)': self._time_sync.offset_s,
                 'audio blocks undated': self._audio.undated} | clocks
 
 

@@ -10,6 +10,7 @@ from network_hosts import OTHER, RIG, STRANGER, two_hosts
 
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, resolve
 from av_sim_bridge.receiving.receiver import Receiver, open_port
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 
 
 @pytest.mark.parametrize(('entries', 'sender', 'accepted'), [
@@ -72,9 +73,9 @@ def test_the_table_of_the_refused_is_bounded():
 class Port:
     """A receiver behind a gate; `taken` holds the datagrams and their senders."""
 
-    def __init__(self, allowed, address='127.0.0.1'):
+    def __init__(self, allowed, address='127.0.0.1', group=None, port=0):
         self.taken, self.refusals = [], Refusals()
-        source = open_port('some_port', 0, 1 << 20, address)
+        source = open_port('some_port', port, 1 << 20, address, group)
         self.receiver = Receiver('some', source, lambda datagram, _, sender: self.taken.append((datagram, sender)),
                                  SenderGate(source, AllowedSenders(allowed), self.refusals))
         self.number = self.receiver.port
@@ -113,6 +114,21 @@ def test_by_default_nothing_comes_from_another_host():
         port.wait(lambda: port.taken)
         port.receiver.stop()
         assert [datagram for datagram, _ in port.taken] == [b'from here'] and port.refusals.total == 0
+
+
+@pytest.mark.parametrize('address', ['127.0.0.1', RIG, '0.0.0.0'])
+def test_the_multicast_group_is_received_in_the_network_of_the_address(address):
+    """A datagram to the port but not to the group is not received at all."""
+    with two_hosts() as (rig, other):
+        host, sender = (rig, '127.0.0.1') if address == '127.0.0.1' else (other, OTHER)
+        port = rig.run(Port, [sender], address, TIME_SYNC_GROUP, 20_005)
+        source = host.run(sender_at, sender)
+        source.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(sender))
+        source.sendto(b'past it', (address if address != '0.0.0.0' else RIG, port.number))
+        source.sendto(b'tick', (TIME_SYNC_GROUP, port.number))
+        port.wait(lambda: port.taken)
+        port.receiver.stop()
+        assert [datagram for datagram, _ in port.taken] == [b'tick']
 
 
 @pytest.mark.parametrize('entries', [[f'{OTHER}:5001'], ['10.0.0.0/30', OTHER], ['10.77.0.2/32', '10.0.0.1:7']])

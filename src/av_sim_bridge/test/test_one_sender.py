@@ -23,6 +23,7 @@ from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import ImuSample, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
+from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import encode_truth
 
 RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
@@ -30,7 +31,7 @@ EPOCH, RATE, PERIOD = 1_700_000_000.0, 48_000, 0.02
 FIRST, OTHER_PORT, OTHER_HOST = ('127.0.0.1', 50_000), ('127.0.0.1', 50_001), ('192.168.1.9', 50_000)
 HAND_OVER_S = 1.0
 LEVEL, FALSE = 0.25, 0.75  # what the first and the other sender say, in whatever a stream carries
-STREAMS = ('audio', 'bare audio', 'image', 'oracle', 'depth', 'rig truth', 'target truth', 'imu', 'gimbal')
+STREAMS = ('audio', 'bare audio', 'image', 'oracle', 'depth', 'rig truth', 'target truth', 'imu', 'gimbal', 'time sync')
 
 
 class Bench:
@@ -51,6 +52,9 @@ class Bench:
             stage.on_audio(encode_audio(AudioFormat(), np.full((frames, 2), value), header), arrival, sender)
             while (frame := stage.read_audio()) is not None:
                 found.append(float(np.round(frame.samples[-1], 2)))
+        elif kind == 'time sync':
+            stage.on_time_sync(encode_time_sync(TimeSync(1, 0, round(1e3 * (EPOCH + value)), number)), arrival, sender)
+            found = [round(arrival - EPOCH - stage.counts()['time sync offset (s)'], 2)]
         elif kind == 'oracle':
             if sender == FIRST:
                 stage.on_image(encode_image(EncodedImage(t, b'data', number))[0], arrival, sender)

@@ -14,7 +14,7 @@ from av_sim_bridge.wire.imu import ImuSample, decode_imu, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, encode_oracle, is_oracle
 from av_sim_bridge.wire.ports import Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control, encode_rig_control
-from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
+from av_sim_bridge.wire.time_sync import TimeSync, decode_time_sync, encode_time_sync
 from av_sim_bridge.wire.truth import VehicleTruth, decode_truth, encode_truth
 
 EULER = np.array([0.1, -0.2, 2.5])
@@ -69,9 +69,13 @@ def test_gimbal_round_trip_and_size():
     np.testing.assert_array_equal(decoded.orientation_wxyz, sample.orientation_wxyz)
 
 
-def test_time_sync_is_that_of_rflysim():
-    data = encode_time_sync(TimeSync(1, 1_700_000_000_000, 1_700_000_012_345, 17))
-    assert struct.unpack('<2i3q', data) == (123456789, 1, 1_700_000_000_000, 1_700_000_012_345, 17)
+def test_time_sync_round_trip_and_order():
+    sync = TimeSync(1, 1_700_000_000_000, 1_700_000_012_345, 17)
+    data = encode_time_sync(sync)
+    assert len(data) == 32
+    assert decode_time_sync(data) == sync
+    with pytest.raises(WireError, match='before the start'):
+        decode_time_sync(encode_time_sync(TimeSync(1, 2000, 1000, 1)))
 
 
 def test_oracle_round_trip_and_nothing_seen():
@@ -107,6 +111,7 @@ CODECS = {
     'truth': (decode_truth, encode_truth(TRUTH)), 'short truth': (decode_truth, SHORT_TRUTH),
     'gimbal': (decode_gimbal, encode_gimbal(GimbalSample(1, 1.0, np.array([1.0, 0.0, 0.0, 0.0]), 1e-6))),
     'imu': (decode_imu, encode_imu(ImuSample(1, 1.0, np.zeros(3), np.zeros(3)))),
+    'time sync': (decode_time_sync, encode_time_sync(TimeSync(1, 1, 2, 3))),
     'oracle': (decode_oracle, encode_oracle(BOXES)),
     'rig control': (decode_rig_control, encode_rig_control(RigControl(1, 1, 0.5, 0.5, 0.5))),
 }

@@ -17,6 +17,7 @@ from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragme
 from av_sim_bridge.wire.imu import decode_imu
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control, encode_rig_control
+from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
 # Decoder, layout, and the fields of a datagram that it accepts.
@@ -27,13 +28,14 @@ DATAGRAMS = {
                                                *[0.1] * 3, *[5.0] * 3, 12.0]),
     'imu': (decode_imu, '<2i1d6f', [1234567898, 7, 12.0, *[1.0] * 6]),
     'gimbal': (decode_gimbal, '<3i1d5f', [1234567951, 1, 7, 12.0, 0.5, -0.5, 0.5, 0.5, 0.01]),
+    'time sync': (decode_time_sync, '<2i3q', [123456789, 1, 1_700_000_000_000, 1_700_000_001_000, 1]),
     'oracle': (decode_oracle, '<ii5f', [1, 2, 0.5, 10.0, 20.0, 30.0, 40.0]),
     'rig control': (decode_rig_control, '<5i3f', [1234567950, 1, 3, 1, 3, 0.5, 0.25, 0.125]),
     'audio': (lambda datagram: decode_header(AudioFormat(), datagram), '<4id4x', [1234567960, 28, 3, 1, 12.0]),
     'image': (decode_fragment, '<4id4x', [1234567890, 28, 0, 1, 12.0]),
     'new image': (decode_fragment, '<6id4x', [1234567893, 36, 0, 1, 5, 0, 12.0]),
 }
-HARMLESS = {'truth': {2, 3}, 'short truth': {2, 3, 4, 5}, 'oracle': {1}, 'new image': {4, 5}, 'audio': {0}}
+HARMLESS = {'truth': {2, 3}, 'short truth': {2, 3, 4, 5}, 'time sync': {1}, 'oracle': {1}, 'new image': {4, 5}, 'audio': {0}}
 ABSURD = {'f': [math.nan, math.inf, -math.inf, 3e38, -3e38], 'd': [math.nan, math.inf, -math.inf, 1e300, -1e300, 1e17],
           'i': [-2**31, 2**31 - 1], 'q': [-2**63, 2**63 - 1]}
 # Ids and sequence numbers.

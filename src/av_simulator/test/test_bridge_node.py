@@ -21,7 +21,7 @@ from udp_ports import free_offset  # noqa: E402
 from av_common.stamps import to_seconds  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
 from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
-from av_sim_bridge.wire.ports import Ports  # noqa: E402
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports  # noqa: E402
 from av_simulator.config_files import find_config  # noqa: E402
 from av_simulator.run import open_world  # noqa: E402
 from av_simulator.scenario import load_scenario  # noqa: E402
@@ -72,9 +72,11 @@ def rig():
             encoded = EncodedImage(instant, cv2.imencode('.png', layer)[1].tobytes())
             source.sendto(encode_image(encoded)[0], ('127.0.0.1', port))
         bridge.spin(0.5)
-    for port in vars(ports).values():
+    source.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1'))
+    for name, port in vars(ports).items():
         for size in (0, 3, 40, 168, 6000, 60_000):
-            source.sendto(np.random.default_rng(size).bytes(size), ('127.0.0.1', port))
+            host = TIME_SYNC_GROUP if name == 'time_sync' else '127.0.0.1'
+            source.sendto(np.random.default_rng(size).bytes(size), (host, port))
     source.close()
     yield bridge
     bridge.close()
@@ -135,6 +137,6 @@ def test_depth_carries_the_stamp_of_its_image(rig):
 
 
 def test_garbage_is_counted_and_the_node_lives(rig):
-    streams = ('image', 'rig_truth', 'target_truth', 'imu')
+    streams = ('image', 'rig_truth', 'target_truth', 'imu', 'time_sync')
     rig.spin_until(lambda: all(int(rig.values()[f'{name} malformed']) >= 5 for name in streams), 'malformed datagrams')
     assert rig.node.is_active

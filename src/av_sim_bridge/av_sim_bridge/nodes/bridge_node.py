@@ -24,7 +24,7 @@ from av_sim_bridge.receiving.consumer import Consumer, Worker
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
 from av_sim_bridge.receiving.streams import Sender, StampedImage
 from av_sim_bridge.stage import Output, make_bridge_stage
-from av_sim_bridge.wire.ports import Ports
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 
 SOCKET_BUFFER_BYTES = 4_194_304  # that each port asks of the system; RFlySim itself asks for 204,800
 STALE_AFTER_S = 1.0  # without data, after which a stream is reported as missing
@@ -106,9 +106,10 @@ class BridgeNode(RigNode):
         for index, number in enumerate(stage.target_topics):
             if index:
                 self._receive(opened, f'target_{number}_truth', self._ports.target_truth + 2 * index, truth)
+        self._receive(opened, 'time_sync', self._ports.time_sync, stage.on_time_sync, TIME_SYNC_GROUP)
 
-    def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler) -> None:
-        source = open_port(name, port, SOCKET_BUFFER_BYTES, self._settings.bind_address)
+    def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
+        source = open_port(name, port, SOCKET_BUFFER_BYTES, self._settings.bind_address, group)
         self._receivers[name] = Receiver(name, source, handle, SenderGate(source, self._allowed, self._refusals))
         opened.callback(self._receivers[name].stop)
 

@@ -20,10 +20,12 @@ Handler = Callable[[bytes, float, tuple], None]
 _TIMEVAL = struct.Struct('qq')
 _SO_TIMESTAMPNS = 35      # Linux: arrival times from the kernel, independent of the load of the interpreter
 _SO_RCVBUFFORCE = 33      # Linux: buffers beyond net.core.rmem_max, for root only
+_IP_MULTICAST_ALL = 49    # Linux: 0 leaves out what other sockets of this machine have joined
 _LARGEST = 65_535  # bytes of an IP packet
 
 
-def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1') -> socket.socket:
+def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
+              multicast_group: str | None = None) -> socket.socket:
     """A UDP socket that is bound to a port. Raises OSError with the stream's name if the port is not available.
 
     Parameters:
@@ -31,10 +33,18 @@ def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1
         port: UDP port.
         buffer_bytes (bytes): size of the receive buffer that is requested from the operating system.
         address: local address to bind to, 0.0.0.0 for all.
+        multicast_group: IPv4 address of a multicast group, of which alone the socket receives, through the network of
+            `address`; None for unicast.
     """
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        receiver.bind((address, port))
+        if multicast_group is not None:    # several rigs may receive the same clock
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        receiver.bind((multicast_group or address, port))
+        if multicast_group is not None:
+            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
+                                socket.inet_aton(multicast_group) + socket.inet_aton(address))
+            receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
     except OSError as error:
         receiver.close()
         hint = {errno.EADDRINUSE: ', the port is used by another program',

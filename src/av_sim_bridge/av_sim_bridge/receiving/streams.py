@@ -26,6 +26,7 @@ from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.imu import ImuSample, decode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
+from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
 SAME_CAPTURE = 0.05    # s, largest difference of the stamps of one capture in two streams
@@ -253,6 +254,20 @@ class GimbalStream:
             return None
         self._newest = stamp
         return sample, stamp
+
+
+class TimeSyncStream:
+    """Compares the simulator's Unix time with this machine's: `offset_s` (s) is this machine's time minus the simulator's."""
+
+    def __init__(self) -> None:
+        self.offset_s = float('nan')
+        self._sender = OneSender('time_sync')
+
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
+        """Update the offset from one datagram."""
+        self._sender.check(sender, arrival)
+        self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
+        self._sender.note(sender, arrival)
 
 
 def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: float) -> float:
