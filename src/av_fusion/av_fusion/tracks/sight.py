@@ -51,7 +51,6 @@ class SightComparison(NamedTuple):
 
     Parameters:
         component, past: the component, and its direction at the capture time.
-        extents: see `extents`.
         deviations: of each detection.
         chance: probability that the target is in view and detected if nothing hides it.
         missed: probability that the image does not show the target.
@@ -60,7 +59,6 @@ class SightComparison(NamedTuple):
 
     component: GaussianComponent
     past: PastState
-    extents: Sequence[Extent]
     deviations: Sequence[Sequence[Deviation]]
     chance: float
     missed: float
@@ -75,13 +73,12 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
         image: the image.
         detected: probability that a target in view is detected where nothing hides it.
     """
-    ranges = extents(past, image.view, image.measurement)
-    chance = detected * math.prod([extent.share(past) for extent in ranges])
+    chance = detected * math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
     deviations = [direction.deviations(past) for direction in image.directions]
     width = 2.0 * image.measurement.half_view
     found = [detected * odds_of(detection) * width * _densities(parts)
              for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
-    return SightComparison(component, past, ranges, deviations, chance, component.missed_detection(chance),
+    return SightComparison(component, past, deviations, chance, component.missed_detection(chance),
                            np.array(found).reshape(len(found), len(component.modes)).T)
 
 
@@ -140,7 +137,7 @@ def truncated(extent: Extent, past: PastState, seen: float) -> tuple[NDArray[np.
     variances = np.maximum(past.variances(extent.row), 1e-12)
     sigmas, means = np.sqrt(variances), past.deviations(extent.row) + extent.angle
     inside = first = second = np.zeros(len(means))
-    for side in (-1.0, 1.0):    # moments of a standard normal variable below each end
+    for side in (-1.0, 1.0):  # moments of a standard normal variable below each end
         end = (side * extent.half_width - means) / sigmas
         density = np.exp(-0.5 * end**2) / math.sqrt(math.tau)
         below = np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in end.tolist()])

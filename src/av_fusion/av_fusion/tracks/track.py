@@ -21,7 +21,7 @@ from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, n
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
 from av_fusion.tracks.past_state import Alternatives, PastState
 from av_fusion.tracks.settings import FilterSettings
-from av_fusion.tracks.sight import Image, SightComparison, compare, truncated
+from av_fusion.tracks.sight import Image, SightComparison, compare, extents, truncated
 
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
@@ -303,24 +303,26 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
             component.newest_sighting = max(component.newest_sighting, image.time)
         hidden = compared.missed / likelihood  # what was detected is not hidden
     if hidden > ASSOCIATED:
-        _update_by_absence(compared, visible * detected, image.fraction)
+        _update_by_absence(image, compared, visible * detected)
     component.update_hidden(compared.chance, image.fraction, hidden)
     component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
     return score
 
 
-def _update_by_absence(compared: SightComparison, seen: float, fraction: float) -> None:
+def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> None:
     """Update a component by an image that does not show it: it is beyond the edges rather than within.
 
     Parameters:
-        compared: the component with the image.
+        image: the image.
+        compared: the component with it.
         seen: probability that the target is detected in view.
-        fraction: effective sample fraction of the image.
     """
-    shares = [extent.share(compared.past) for extent in compared.extents]
-    for extent, other in zip(compared.extents, reversed(shares), strict=True):
-        here = 1.0 - (1.0 - seen * other) ** fraction
-        compared.component.update_moments(compared.past, extent.row, *truncated(extent, compared.past, here))
+    component = compared.component
+    for axis in (0, 1):  # one after the other, as both angles may be correlated
+        past = component.at(compared.past.lag, compared.past.moved)
+        ranges = extents(past, image.view, image.measurement)
+        here = 1.0 - (1.0 - seen * ranges[1 - axis].share(past)) ** image.fraction
+        component.update_moments(past, ranges[axis].row, *truncated(ranges[axis], past, here))
 
 
 def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float64]) -> None:
