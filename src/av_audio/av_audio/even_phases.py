@@ -23,8 +23,6 @@ CLUSTER_HZ = 250.0
 GROUP_HZ = 16.0
 # Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones, as those of wind.
 WHITENING_HZ = 100.0
-# Mean square error of q by reflections where bands do not agree at all; fitted to random rooms.
-REFLECTED = 2.0
 
 
 class EvenPhases(SteeredResponse):
@@ -53,8 +51,8 @@ class EvenPhases(SteeredResponse):
         sizes = np.diff([*self._clusters, len(self._omega)])
         self._cluster_omega = np.add.reduceat(self._omega, self._clusters) / sizes
 
-    def estimate(self, spectra: NDArray) -> tuple[Peak, NDArray]:
-        """The highest peak for spectra (m, k), and the mean square (rank, rank) of its shift by reflections from anywhere."""
+    def estimate(self, spectra: NDArray) -> Peak:
+        """The highest peak for spectra (m, k)."""
         power = np.mean(np.abs(spectra) ** 2, axis=0)
         white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
         whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
@@ -62,29 +60,18 @@ class EvenPhases(SteeredResponse):
         parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
         weighted = np.concatenate(parts, axis=1)[:, self._order]
         peak = self.highest_peak(spectra, weighted)
-        return self._among_reflections(peak, spectra, weighted) if peak.significance > 0.0 else (peak, peak.bias)
+        return self._among_reflections(peak, spectra, weighted) if peak.significance > 0.0 else peak
 
-    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
-        agreement = height / float(np.abs(clusters).sum())
-        return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
-
-    def _among_reflections(self, peak: Peak, spectra: NDArray, weighted: NDArray) -> tuple[Peak, NDArray]:
-        """A peak without the mean of its shift by reflections from anywhere, and the mean square of what is left of the shift.
-
-        Its bias is that, or what disagreement of the bands states, if that is more: in windows shorter than the reverberation
-        neighbouring bins have little in common. A body between microphones, which a delay curve tells, shifts phases as
-        reflections do: there the mean is not known.
-        """
+    def _among_reflections(self, peak: Peak, spectra: NDArray, weighted: NDArray) -> Peak:
+        """A peak without the mean of its shift by reflections from anywhere, whose variance is its bias."""
         steered = self._steer(weighted, peak.q)
         _, hessian = self._derivatives(steered)
         coherence = np.add.reduceat(steered.real, self._clusters, axis=1)
         mean, covariance = self._reflected.pull(coherence, self._cluster_omega, hessian, peak.q)
         ratio = self._reflected.ratio(spectra, peak.q)
-        known = float(self._array.delay_curve is None)
-        q = peak.q - known * ratio * mean
+        q = peak.q - ratio * mean
         q = q / np.linalg.norm(q) if len(q) == 3 else q
-        left = ratio**2 * (covariance + (1.0 - known) * np.outer(mean, mean))
-        return replace(peak, q=q, bias=max(left, peak.bias, key=np.trace)), left
+        return replace(peak, q=q, bias=ratio**2 * covariance)
 
     def _phases(self, blocks: NDArray) -> NDArray:
         """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""

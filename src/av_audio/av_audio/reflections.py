@@ -45,9 +45,8 @@ class Reflections:
         self._places = array.positions @ array.basis / speed_of_sound  # (m, rank)
         self._slowness = (self._baselines.vectors @ array.basis / speed_of_sound).astype(np.float32)  # (u, rank)
         first, second = array.positions[self._baselines.pairs.T]
-        # Pairs and frequencies of which half a wavelength is less; of a small array, as far as it reaches.
         reach = np.outer(np.linalg.norm(first - second, axis=1) / speed_of_sound, self._omega[1:])
-        self._apart = (reach > min(np.pi, 0.5 * float(reach.max()))).astype(np.float32)
+        self._apart = (reach > min(np.pi, 0.5 * float(reach.max()))).astype(np.float32)  # of a small array, as far as it reaches
         self._by_chance = math.sqrt(0.5 * float(self._apart.sum()))  # of the sum of so many products of any phase
         self._from = COSINES if array.rank == 1 else direction_grid(3, POINTS_PER_UNIT) @ array.basis
 
