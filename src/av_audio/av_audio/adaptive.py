@@ -51,8 +51,6 @@ class Adaptive:
         even = self._even.estimate(spectra)
         ratio = expected_error(likely) / expected_error(even, SHARED_REFLECTIONS)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
-        # What pulls the one peak pulls the other; but phases that differ as the source moves look as if reflections did it.
-        likely = replace(likely, bias=likely.bias + (1.0 if drift is None else 1.0 - drift.moves) * even.bias)
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)

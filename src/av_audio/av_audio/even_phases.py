@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.blocks import Blocks
-from av_audio.reflections import Reflections
 from av_audio.steered_response import Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
@@ -23,6 +20,8 @@ CLUSTER_HZ = 250.0
 GROUP_HZ = 16.0
 # Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones, as those of wind.
 WHITENING_HZ = 100.0
+# Mean square error of q by reflections where bands do not agree at all; fitted to random rooms.
+REFLECTED = 2.0
 
 
 class EvenPhases(SteeredResponse):
@@ -47,9 +46,6 @@ class EvenPhases(SteeredResponse):
         everything = np.concatenate([whole, *(blocks.frequencies for blocks in self._blocks)])
         self._order = np.argsort(everything, kind='stable')
         super().__init__(array, everything[self._order], speed_of_sound, CLUSTER_HZ)
-        self._reflected = Reflections(array, frequencies, speed_of_sound)
-        sizes = np.diff([*self._clusters, len(self._omega)])
-        self._cluster_omega = np.add.reduceat(self._omega, self._clusters) / sizes
 
     def estimate(self, spectra: NDArray) -> Peak:
         """The highest peak for spectra (m, k)."""
@@ -58,20 +54,11 @@ class EvenPhases(SteeredResponse):
         whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
         signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
         parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
-        weighted = np.concatenate(parts, axis=1)[:, self._order]
-        peak = self.highest_peak(spectra, weighted)
-        return self._among_reflections(peak, spectra, weighted) if peak.significance > 0.0 else peak
+        return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
 
-    def _among_reflections(self, peak: Peak, spectra: NDArray, weighted: NDArray) -> Peak:
-        """A peak without the mean of its shift by reflections from anywhere, whose variance is its bias."""
-        steered = self._steer(weighted, peak.q)
-        _, hessian = self._derivatives(steered)
-        coherence = np.add.reduceat(steered.real, self._clusters, axis=1)
-        mean, covariance = self._reflected.pull(coherence, self._cluster_omega, hessian, peak.q)
-        ratio = self._reflected.ratio(spectra, peak.q)
-        q = peak.q - ratio * mean
-        q = q / np.linalg.norm(q) if len(q) == 3 else q
-        return replace(peak, q=q, bias=ratio**2 * covariance)
+    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
+        agreement = height / float(np.abs(clusters).sum())
+        return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
 
     def _phases(self, blocks: NDArray) -> NDArray:
         """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""

@@ -75,7 +75,7 @@ class FurtherSources(SteeredResponse):
             return [peak]
         apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
         better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
-        return [replace(better, bias=peak.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
+        return [replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
                         main_share=max(peak.main_share, peaks[0].main_share)), *peaks[1:]]
 
     def find(self, spectra: NDArray, strongest: NDArray, most: int) -> list[Peak]:
@@ -207,3 +207,6 @@ class FurtherSources(SteeredResponse):
     def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
         """Which points of the grid (g,) are other directions than those found."""
         return np.all([np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
+
+    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
+        return np.zeros_like(inverse)

@@ -148,14 +148,14 @@ class SteeredResponse:
         return significance
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
-        """Mean square (rank, rank) of the shift of q by early reflections; none unless overridden.
+        """Mean square (rank, rank) of the shift of q by early reflections.
 
         Parameters:
             clusters (c,): steered cross-spectra, summed over clusters of bins.
             height: height of the peak.
             inverse (rank, rank): inverse of the negative Hessian.
         """
-        return np.zeros_like(inverse)
+        raise NotImplementedError
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, log_likelihood: NDArray) -> float:
         """Posterior probability of the peak's lobe."""
