@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
+from rosidl_runtime_py.set_message import set_message_fields
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import Header
 
@@ -21,7 +23,7 @@ from av_common.angles import wrap
 from av_common.clock import SenderClock
 from av_common.frames import BASE_FRAME, attitude_of, yaw_of
 from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import AudioFrame
+from av_interfaces.msg import AudioFrame, DoaArray
 from av_vision.messages import image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
@@ -59,6 +61,8 @@ class AudioLayout:
 def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None) -> Converter | None:
     """The converter from messages of a bag's topic to those of the rig's topic; None when the types are equal.
 
+    A type of the rig may have got fields since the bag was recorded.
+
     Parameters:
         bag: the bag.
         name: the rig's name of the topic.
@@ -69,7 +73,7 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     """
     kind = bag.topics[topic].kind
     if kind == names.KINDS[name][0]:
-        return None
+        return unjudged if name == names.DOA and bag.is_older(topic) else None
     if name == names.AUDIO:
         return AudioBytes(layout or _described_layout(bag, topic))
     return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())
@@ -142,6 +146,18 @@ class Poses:
             rate = float(wrap(yaw - self._before[1])) / (time - self._before[0])
         self._before = (time, yaw)
         return [_odometry(message.header, pose.position, q, rate)]
+
+
+def unjudged(message: Any, _: int) -> Iterable[DoaArray]:
+    """Directions of arrival of an earlier release: what that did not tell of a sound is NaN."""
+    directions = DoaArray()
+    fields = asdict(message, dict_factory=lambda items: {name: value for name, value in items if name != '__msgtype__'})
+    set_message_fields(directions, fields)
+    for hypothesis, recorded in zip(directions.hypotheses, message.hypotheses, strict=True):
+        for name in ('drone_probability', 'fundamental', 'fundamental_variance'):
+            if not hasattr(recorded, name):
+                setattr(hypothesis, name, math.nan)
+    return [directions]
 
 
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:

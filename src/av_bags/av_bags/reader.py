@@ -32,6 +32,9 @@ from av_common.files import one_line
 
 FOREVER = 2**63 - 1  # ns, the largest time of a bag
 NO_FIELD = 'structure_needs_at_least_one_member'    # that of a definition without fields, in rosbags and ROS
+# Fields in which releases differ; bags with other ones are read (`converters`), and values that they lack are unknown.
+OTHER_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
+                          'Track.identity_probability', 'Track.fundamental'})
 _IN_ADDRESSES = frozenset('?#%')
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()
@@ -195,15 +198,20 @@ class Bag(AbstractContextManager['Bag']):
         """
         kind = self.topics[topic].kind
         different = self._different_fields(topic)
-        if different and kind.startswith('av_interfaces/'):
+        refused = [name for name in different if name not in OTHER_FIELDS]
+        if refused and kind.startswith('av_interfaces/'):
             raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
-                           f'one, which differs in {", ".join(different)}; use the release that recorded it')
+                           f'one, which differs in {", ".join(refused)}; use the release that recorded it')
         if fast or different or kind in AUDIO_COMMON:
             return partial(self.decode, topic)
         from rclpy.serialization import deserialize_message  # a bag is read without ROS, too
         from rosidl_runtime_py.utilities import get_message
         installed_class = get_message(kind)
         return lambda data: deserialize_message(data, installed_class)
+
+    def is_older(self, topic: str) -> bool:
+        """Whether the messages of a topic have other fields of OTHER_FIELDS."""
+        return not OTHER_FIELDS.isdisjoint(self._different_fields(topic))
 
     def _different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""
