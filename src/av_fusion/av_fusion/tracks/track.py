@@ -302,7 +302,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         if sum(whole) >= ASSOCIATED:
             component.newest_sighting = max(component.newest_sighting, image.time)
         hidden = compared.missed / likelihood  # what was detected is not hidden
-    if hidden > ASSOCIATED:
+    if hidden > ASSOCIATED and visible > 0.0:
         _update_by_absence(image, compared, visible * detected)
     component.update_hidden(compared.chance, image.fraction, hidden)
     component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
