@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from formula_rig import START, wrapped
 from judged_rig import FormulaRig
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from av_audio.stage import DoaStage, make_doa_stage
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.faults.formula_rig import START, wrapped
 from av_interfaces.msg import AudioFrame, DoaArray
 
 RATE, BLOCK, SPEED = 48_000, 1600, 343.2        # Hz, samples, m/s at 20 degrees Celsius

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import formula_rig
 import numpy as np
+from formula_rig import START, Moment, azimuth_of, wrapped
 from numpy.typing import NDArray
 
 from av_common.stamps import to_seconds
-from av_evaluation.faults import formula_rig
-from av_evaluation.faults.formula_rig import START, Moment, azimuth_of, wrapped
 from av_interfaces.msg import Bearing
 
 

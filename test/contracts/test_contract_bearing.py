@@ -7,11 +7,7 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
-from judged_rig import FormulaRig, angle_between, rms
-from scipy.spatial.transform import Rotation
-
-from av_common.stamps import to_seconds
-from av_evaluation.faults.formula_rig import (
+from formula_rig import (
     COSINE_SIGMA,
     FOCAL,
     PIXEL_SIGMA,
@@ -23,6 +19,10 @@ from av_evaluation.faults.formula_rig import (
     unit,
     wrapped,
 )
+from judged_rig import FormulaRig, angle_between, rms
+from scipy.spatial.transform import Rotation
+
+from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing
 
 SOUND_DEG = math.degrees(COSINE_SIGMA)              # of one window at broadside

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most
+from formula_rig import Source, azimuth_of, never, unit
 from judged_rig import rms
 from vehicle import Vehicle
 
 from av_common.rig import GimbalMount
-from av_evaluation.faults.formula_rig import Source, azimuth_of, never, unit
 from av_interfaces.msg import PointingCommand
 
 STANDS_S = 0.3      # from the arrival of the newest measurement, as the message and the pointing package promise

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 
 from figures import at_most
+from formula_rig import Source
 from judged_rig import FormulaRig
-
-from av_evaluation.faults.formula_rig import Source
 
 
 def test_a_window_of_one_target_is_few_calls(contract):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most
+from formula_rig import START, Source, never, unit, wrapped
 from formula_sound import (
     BLOCK,
     EIGHT,
@@ -34,7 +35,6 @@ from scipy.signal import resample_poly
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds
-from av_evaluation.faults.formula_rig import START, Source, never, unit, wrapped
 
 ARRAYS = {'pair': PAIR, 'square': SQUARE, 'eight': EIGHT}
 PASSES = 0.3        # confidence from which fusion uses a direction: the default of its parameter

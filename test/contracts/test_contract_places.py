@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
+from formula_rig import START, Source, never, unit
 from formula_sound import PAIR, RATE, SPEED, band_noise, directions_of, frames, hearing, listen, rotors, strongest, with_noise
 from judged_rig import FormulaRig, rms
 from real_recordings import moving_drone, needs_data
@@ -14,7 +15,6 @@ from scipy.signal import fftconvolve
 
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 from av_common.stamps import to_seconds
-from av_evaluation.faults.formula_rig import START, Source, never, unit
 
 ROOMS, T60_S, DISTANCE_M, RATIO_DB = 24, 0.4, 3.0, 10.0
 EARS_M = 0.0875                                     # radius of a head, to which Woodworth's formula belongs

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import pytest
+from faulty_rig import FaultyRig, drone, lies, turning, turning_rig
+from formula_rig import START, Source, never
 from judged_rig import FormulaRig
 from scipy.spatial.transform import Rotation
 from vehicle import Vehicle
 
-from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
-from av_evaluation.faults.formula_rig import START, Source, never
-from av_evaluation.faults.matrix import drone, named, title, turning, turning_rig
+from av_evaluation.faults.faulty_rig import Faults
+from av_evaluation.faults.matrix import named, title
 from av_interfaces.msg import Bearing, PointingCommand
 
 TOLD_S = 25.0

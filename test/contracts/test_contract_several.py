@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 from figures import at_least, at_most
+from formula_rig import Source, never, unit, wrapped
 from judged_rig import FormulaRig, angle_between, rms
 
-from av_evaluation.faults.formula_rig import Source, never, unit, wrapped
 from av_interfaces.msg import Bearing
 
 NEAR = 8.0          # deg, from a track to the source that it is of

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
+from formula_rig import Source, azimuth_of, never, wrapped
 from judged_rig import FormulaRig
 from scipy.spatial.transform import Rotation
 
 from av_common.rig import GimbalMount
-from av_evaluation.faults.formula_rig import Source, azimuth_of, never, wrapped
 from av_interfaces.msg import Bearing
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
+from formula_rig import BOX, CENTRE, FOCAL, START, Source, detection, never, unit, vector, wrapped
 from formula_sound import RATE, frames, hearing
 from judged_rig import FormulaRig, angle_between, rms
 from scipy.spatial.transform import Rotation
@@ -16,8 +17,7 @@ from av_common.freshness import Instant
 from av_common.parameters import node_parameters
 from av_common.rig import load_rig
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
-from av_evaluation.faults.formula_rig import BOX, CENTRE, FOCAL, START, Source, detection, never, unit, vector, wrapped
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
 from av_interfaces.msg import Bearing, Doa, DoaArray
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
@@ -59,15 +59,14 @@ def simulated(name, seed, seconds, sight=True, **model):
     """A rig that has heard and seen a scenario's measurements, and the true directions by time."""
     truth: dict[float, np.ndarray] = {}
     rig = FormulaRig([Source(lambda t: truth[min(truth, key=lambda known: abs(known - t))][0])], sound=never, sight=never)
-    for scan in MeasurementSimulation(load_scenario(find_config(name, 'scenarios')), seed, SensorModel(**model)).scans():
+    for scan in MeasurementSimulation(load_scenario(find_config(name, 'scenarios')), seed, **model).scans():
         if scan.time > seconds:
             break
         truth[scan.time] = scan.truth
         rig.run(max(0.02 * round((scan.time + 0.1) / 0.02) - rig.now, 0.0))
-        if scan.image is not None and sight:
+        if sight:
             rig.give('detections', picture(scan.time, scan.image), rig.now)
-        if scan.doas is not None:
-            rig.give('doa', directions(scan.time, scan.doas), rig.now)
+        rig.give('doa', directions(scan.time, scan.doas), rig.now)
     return rig, truth
 
 

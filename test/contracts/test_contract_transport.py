@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from figures import at_least, at_most, within
+from formula_rig import START, Source, never
 from judged_rig import FormulaRig, rms
 
 from av_common.stamps import to_seconds
-from av_evaluation.faults.formula_rig import START, Source, never
 from av_interfaces.msg import Bearing
 
 SETTLED = 2.0

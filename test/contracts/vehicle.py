@@ -6,13 +6,13 @@ import math
 from typing import Any
 
 import numpy as np
+from formula_rig import START, STEP, Moment, Source
 from judged_rig import FormulaRig
 from scipy.spatial.transform import Rotation
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
 from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
-from av_evaluation.faults.formula_rig import START, STEP, Moment, Source
 from av_interfaces.msg import PointingCommand
 from av_pointing.settings import GIMBAL_ACCELERATION
 from av_pointing.stage import make_pointing_stage

@@ -28,7 +28,7 @@ from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.rendering.view import FIRST_TARGET_ID
-from av_simulator.run import times
+from av_simulator.run import BLOCKS_PER_SECOND, times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket
 from av_simulator.world import World
 
@@ -62,10 +62,8 @@ class WireOptions:
         allowed_senders: senders of commands that are obeyed (see `AllowedSenders`); empty: the bridge at `host`, which sends
             them from the port of the rig's true state.
         audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
-        block_rate (Hz): rate of audio datagrams.
         image_rate (Hz): rate of images, 0 for none.
         truth_rate (Hz): rate of true states, inertial measurements and orientations of the gimbal.
-        jpeg_quality (0 to 100): quality of the images.
         depth: whether the depth of every image is sent to the next port.
         renderer: kind of renderer, see `RendererFactory.make`.
     """
@@ -75,10 +73,8 @@ class WireOptions:
     bind_address: str = ''
     allowed_senders: tuple[str, ...] = ()
     audio_header: bool = False
-    block_rate: int = 30
     image_rate: float = 15.0
     truth_rate: int = 100
-    jpeg_quality: int = 85
     depth: bool = False
     renderer: str = 'auto'
 
@@ -163,12 +159,12 @@ class Simulator:
             begin (s): Unix time of the start, None for now.
         """
         self._begin = begin
-        samples = self.world.sample_rate // self.options.block_rate
+        samples = self.world.sample_rate // BLOCKS_PER_SECOND
         beat(busy=True)
         for camera in self.world.rig.cameras if self.options.image_rate else ():
             self._renderers[camera] = RenderProcess(
-                self.world.renderer_factory(camera), self.options.renderer, self.options.jpeg_quality,
-                self.world.view(0, 0.0, camera), self.options.depth and camera == 'camera')
+                self.world.renderer_factory(camera), self.options.renderer, self.world.view(0, 0.0, camera),
+                self.options.depth and camera == 'camera')
         try:
             for renderer in self._renderers.values():
                 renderer.open(lambda: not self._stopped)

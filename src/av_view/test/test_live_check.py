@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from faulty_rig import turning_rig
+from formula_rig import CENTRE, FOCAL, HEIGHT, WIDTH
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -21,8 +23,6 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.rig import Rig
 from av_common.stamps import to_stamp
 from av_evaluation.faults.faulty_rig import Faults
-from av_evaluation.faults.formula_rig import CENTRE, FOCAL, HEIGHT, WIDTH
-from av_evaluation.faults.matrix import turning_rig
 from av_view.doctor.cameras import draw_marker, find_marker
 from av_view.doctor.live import LiveCheck
 from av_vision.messages import image_message

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--quick', action='store_true', help='single faults, one run each: about a minute')
     parser.add_argument('--seeds', type=int, default=5, help='runs of each fault (%(default)s); 0: faultless hours only')
     parser.add_argument('--seconds', type=float, default=40.0, help='of each run (%(default)g)')
-    parser.add_argument('--array', choices=('pair', 'square', 'eight'), default='pair', help='microphones (%(default)s)')
+    parser.add_argument('--array', choices=('pair', 'square'), default='pair', help='microphones (%(default)s)')
     parser.add_argument('--hours', type=float, default=0.5, help='of faultless runs, all scenarios by measurements that are '
                         'drawn instead of rendered (%(default)g; ten take some minutes)')
     parser.add_argument('--processes', type=int, default=1, help='at a time (%(default)s)')

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
 from av_evaluation.metrics.tracks import TrackComparison
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
@@ -53,15 +53,14 @@ def run(job: Job) -> tuple[float, ...]:
         first = scenario.targets[0]
         scenario = replace(scenario, targets=tuple(replace(target, drone=first.drone, signal=first.signal)
                                                    for target in scenario.targets))
-    model = SensorModel(pair=job.pair, sound_rate=job.rate, image_rate=job.rate, birds=BIRDS.get(job.scenario, 0))
+    simulation = MeasurementSimulation(scenario, job.seed, pair=job.pair, rate=job.rate, birds=BIRDS.get(job.scenario, 0))
     filter_, comparison, used = MultiBernoulliFilter(settings, motion), TrackComparison(), 0.0
-    for scan in MeasurementSimulation(scenario, job.seed, model).scans():
+    for scan in simulation.scans():
         begun = wall.process_time()
         motion.add(Pose.level(scan.time, 0.0))
         if scan.doas:
             filter_.update_sound(scan.time, scan.doas)
-        if scan.image is not None:
-            filter_.update_image(scan.time, scan.image)
+        filter_.update_image(scan.time, scan.image)
         found = {}
         for track in filter_.tracks:
             primary = track.mixture.primary()

@@ -1,17 +1,27 @@
-"""A formula rig whose description is wrong: what its sensors send does not fit what the stage is told of them."""
+"""A rig whose description is wrong, on drawn measurements: they do not fit what the stage is told of the sensors."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, cast
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
 
+from av_common.angles import wrap
+from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.faults.formula_rig import CENTRE, HEIGHT, WIDTH, FormulaRig, azimuth_of, vector, wrapped
+from av_evaluation.experiments.measurement_simulation import LEFT, MeasurementSimulation, Scan
+from av_fusion.consistency.monitor import ConsistencyMonitor
+from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.settings import make_tracker
+from av_fusion.stage import FusionOutput, FusionStage
+from av_interfaces.msg import Bearing
+
+SIGHT_SCANS, SOUND_SCANS = 1, 3  # from capture, or the centre of a window, to arrival, at ten scans a second
 
 
 @dataclass
@@ -45,62 +55,100 @@ class Faults:
     stuck: bool = False
 
 
-@dataclass
-class FaultyRig(FormulaRig):
-    """See `Faults`. Its camera is fixed on the body."""
+class _Message(NamedTuple):
+    """A measurement with the header of its message."""
 
-    faults: Faults = field(default_factory=Faults)
-    _first: Any = None  # orientation
+    header: Header
+    measured: CameraMeasurement | tuple[DoaMeasurement, ...]
 
-    def _rotation_of(self, frame: str, time: float) -> NDArray | None:
-        described = super()._rotation_of(frame, time)
-        if frame != 'camera' or described is None:
-            return described
-        return Rotation.from_euler('z', -self.faults.camera_yaw_deg, degrees=True).as_matrix() @ described
 
-    def pixel(self, t: float, source: int = 0) -> NDArray | None:
-        """The place in the image as it is sent."""
-        place, wrong = super().pixel(t, source), self.faults
-        if place is None:
-            return None
+class _Converter:
+    """In the place of a `MeasurementConverter`: what is drawn is measured already."""
+
+    def doa(self, message: _Message) -> object:
+        return message.measured
+
+    def detections(self, message: _Message, _visibility: float) -> object:
+        return message.measured
+
+
+class FaultyRig:
+    """A fusion stage fed with the measurements of a level rig, with its faults.
+
+    Attributes:
+        monitor: says what is wrong.
+
+    Parameters:
+        simulation: draws the measurements, ten scans a second.
+        faults: what is wrong.
+    """
+
+    def __init__(self, simulation: MeasurementSimulation, faults: Faults) -> None:
+        self._simulation, self._faults = simulation, faults
+        tracker = make_tracker(node_parameters('av_fusion', 'fusion_node'))
+        self.monitor = ConsistencyMonitor(tracker.motion)
+        self._stage = FusionStage(tracker, cast('MeasurementConverter', _Converter()), consistency=self.monitor)
+        self._bearings: list[Bearing] = []
+
+    def steps(self) -> Iterator[float]:
+        """Go through the scenario; gives the time (s) after each step."""
+        scans = list(self._simulation.scans())
+        seen = max(SIGHT_SCANS, math.ceil(10.0 * self._faults.late))
+        for k, scan in enumerate(scans):
+            self._stage.tracker.add_pose(self._pose(scan.time))
+            if k >= seen:
+                self._note(self._stage.on_detections(self._image(scans[k - seen]), scan.time))
+            if k >= SOUND_SCANS:
+                self._note(self._stage.on_doa(self._sound(scans[k - SOUND_SCANS]), scan.time))
+            yield scan.time
+
+    def lies(self, after: float, until: float, in_world: bool = False) -> float:
+        """Share of a time (s) with bearings that are resolved, sure to 10 deg, and off by more than 10 deg and 3 sigma."""
+        bearings = [bearing for bearing in self._bearings if after <= to_seconds(bearing.header.stamp) < until]
+        wrong = 0
+        for bearing in bearings:
+            time = to_seconds(bearing.header.stamp)
+            x, y, _ = self._simulation.truth(time)[0]
+            azimuth, variance = ((bearing.azimuth_world - self._simulation.yaw(time), bearing.covariance_world[0]) if in_world
+                                 else (bearing.azimuth, bearing.azimuth_variance))
+            sure = bearing.state != Bearing.STATE_NONE and bearing.resolved and variance < math.radians(10.0) ** 2
+            wrong += sure and abs(wrap(azimuth - math.atan2(y, x))) > max(math.radians(10.0), 3.0 * math.sqrt(variance))
+        return wrong / max(len(bearings), 1)
+
+    def _note(self, output: FusionOutput | None) -> None:
+        if output is not None:
+            self._bearings.append(output.bearing)
+
+    def _pose(self, time: float) -> Pose:
+        yaw, wrong = self._simulation.yaw, self._faults
+        rate = 0.0 if wrong.stuck else wrong.yaw_sign * (yaw(time + 1e-3) - yaw(time)) / 1e-3
+        return Pose.level(time, yaw(0.0) if wrong.frozen or wrong.stuck else wrong.yaw_sign * yaw(time), rate)
+
+    def _sound(self, scan: Scan) -> _Message:
+        """The directions of a window, of a pair with the faults of its microphones."""
+        wrong, measured = self._faults, list[DoaMeasurement]()
+        for doa in scan.doas:
+            if doa.cone is not None:
+                cosine = (-1.0 if wrong.swapped else 1.0) * wrong.spacing * doa.cone.cosine + wrong.delay
+                cone = Cone(LEFT, min(max(cosine, -1.0), 1.0), doa.cone.variance)
+                doa = DoaMeasurement.of_cone(doa.time, cone, doa.confidence, doa.window)
+            measured.append(doa)
+        return _Message(Header(stamp=to_stamp(scan.time)), tuple(measured))
+
+    def _image(self, scan: Scan) -> _Message:
+        """The detections of an image, with the faults of the camera, whose description is turned."""
+        wrong, time = self._faults, scan.time + self._faults.late
+        c, s = math.cos(math.radians(wrong.camera_yaw_deg)), math.sin(math.radians(wrong.camera_yaw_deg))
+        image = scan.image._replace(time=time, detections=tuple(map(self._displaced, scan.image.detections)),
+                                    view=((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+        return _Message(Header(stamp=to_stamp(time)), image)
+
+    def _displaced(self, found: Detection) -> Detection:
+        """Where a detection is by what is told of the camera; the image has the tangents of its angles."""
+        wrong = self._faults
+        y, z = math.tan(found.azimuth), math.tan(found.elevation) / math.cos(found.azimuth)  # to the left, and up
         roll = math.radians(wrong.rolled_deg + 180.0 * wrong.upside_down)
-        turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
-        place = CENTRE + wrong.focal * np.array([-1.0 if wrong.mirrored else 1.0, 1.0]) * (turn @ (place - CENTRE))
-        return place if 0.0 <= place[0] < WIDTH and 0.0 <= place[1] < HEIGHT else None
-
-    def send(self, kind: str, message: Any, captured: float, takes: float) -> None:
-        """Put a message on its way, with its faults."""
-        wrong = self.faults
-        if kind == 'doa':
-            for one in message.hypotheses:
-                if math.isfinite(one.cosine):
-                    front = abs(one.azimuth) < 0.5 * math.pi
-                    cosine = (-1.0 if wrong.swapped else 1.0) * wrong.spacing * one.cosine + wrong.delay
-                    one.cosine = min(max(cosine, -1.0), 1.0)
-                    apart = math.asin(one.cosine)
-                    one.azimuth = apart if front else math.copysign(math.pi, apart) - apart
-        elif kind == 'odometry' and wrong.yaw_sign < 0:
-            message.pose.pose.orientation.z *= -1.0    # of a level rig
-            message.twist.twist.angular.z *= -1.0
-        elif kind == 'odometry' and (wrong.frozen or wrong.stuck):
-            self._first = self._first or message.pose.pose.orientation
-            message.pose.pose.orientation = self._first
-            if wrong.stuck:
-                message.twist.twist.angular = vector(np.zeros(3))
-        elif kind in ('detections', 'visibility') and wrong.late:
-            message.header.stamp = to_stamp(to_seconds(message.header.stamp) + wrong.late)
-            takes = max(takes, wrong.late + 0.02)
-        super().send(kind, message, captured, takes)
-
-
-def lies(rig: FormulaRig, after: float, until: float = math.inf, in_world: bool = False) -> float:
-    """Share of outputs that are resolved, sure to 10 deg, and wrong by more than 10 deg and 3 sigma, in body or world."""
-    outputs, wrong = rig.between(after, until), 0
-    for moment in rig.following(after, until):
-        bearing, truth = moment.bearing, rig.sources[0].direction(moment.t) if in_world else rig.body(moment.t)
-        azimuth, variance = ((bearing.azimuth_world, bearing.covariance_world[0]) if in_world else
-                             (bearing.azimuth, bearing.azimuth_variance))
-        error = abs(wrapped(math.degrees(azimuth) - azimuth_of(truth)))
-        wrong += (bearing.resolved and variance < math.radians(10.0) ** 2
-                  and error > max(10.0, 3.0 * math.degrees(math.sqrt(variance))))
-    return wrong / max(len(outputs), 1)
+        y, z = math.cos(roll) * y + math.sin(roll) * z, math.cos(roll) * z - math.sin(roll) * y
+        azimuth = math.atan((-wrong.focal if wrong.mirrored else wrong.focal) * y)
+        return found._replace(azimuth=float(wrap(azimuth - math.radians(wrong.camera_yaw_deg))),
+                              elevation=math.atan(wrong.focal * z * math.cos(azimuth)))

@@ -9,17 +9,17 @@ from itertools import count, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from numpy.typing import ArrayLike, NDArray
 
+from av_common.angles import angles_to_direction
 from av_common.config_reader import load
-from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
-from av_evaluation.faults.faulty_rig import Faults, FaultyRig, lies
-from av_evaluation.faults.formula_rig import Source, unit
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
+from av_evaluation.faults.faulty_rig import Faults, FaultyRig
 from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_simulator.config_files import find_config, shipped
-from av_simulator.scenario import Scenario
+from av_simulator.scenario import Scenario, Target
 
 # By the field of `Faults`, words that name it.
 NAMES = {'swapped': 'microphones are exchanged', 'camera_yaw_deg': 'camera is turned', 'mirrored': 'mirrored or upside down',
@@ -70,44 +70,46 @@ def _wrong(faults: Faults) -> list[Field[Any]]:
     return [one for one in fields(faults) if getattr(faults, one.name) != one.default]
 
 
-def drone(seed: int) -> Source:
-    """One that flies back and forth ahead, heard and seen."""
+def flight(seed: int, seconds: float) -> Scenario:
+    """A drone that flies back and forth 20 m ahead of the rig, for some seconds."""
     r = np.random.default_rng([3, seed])
     wide, fast, period, short, phase = r.uniform((9.0, 3.0, 7.0, 3.0, 0.0), (18.0, 6.0, 13.0, 5.0, 6.0))
-    return Source(lambda t: unit(wide * math.sin(math.tau * t / period + phase) + fast * math.sin(math.tau * t / short), 8.0))
+
+    def path(times: ArrayLike) -> NDArray[np.float64]:
+        t = np.atleast_1d(np.asarray(times, float))
+        azimuth = np.radians(wide * np.sin(math.tau * t / period + phase) + fast * np.sin(math.tau * t / short))
+        return 20.0 * angles_to_direction(azimuth, np.full(len(t), math.radians(8.0)))
+
+    return Scenario('faults', (Target(path),), seconds, seed)
 
 
-def turning(seed: int, largest: float = 20.0) -> Callable[[float], Rotation]:
-    """Attitude of a body that turns to and fro, by up to `largest` (deg)."""
+def turning(seed: int) -> Callable[[float], float]:
+    """Yaw (rad) of a body that turns to and fro by up to 20 deg, by time (s)."""
     r = np.random.default_rng([4, seed])
-    angle, period = r.uniform(0.6 * largest, largest), r.uniform(5.0, 8.0)
-    return lambda t: Rotation.from_euler('z', angle * math.sin(math.tau * t / period), degrees=True)
+    angle, period = math.radians(r.uniform(12.0, 20.0)), r.uniform(5.0, 8.0)
+    return lambda t: angle * math.sin(math.tau * t / period)
 
 
-def turning_rig(faults: Faults, seed: int, largest: float = 20.0, **options: Any) -> FaultyRig:
-    """A rig with faults that turns to and fro below a drone.
+def try_fault(faults: Faults, seed: int, seconds: float, array: str = 'pair') -> Told:
+    """What is told of a rig with faults that turns to and fro below a drone, within `seconds`.
 
     Parameters:
         faults: what is wrong.
         seed: of everything.
-        largest (deg): that it turns to either side.
-        options: further fields of `FaultyRig`.
+        seconds (s): length of the run.
+        array: 'pair', or 'square' of microphones.
     """
-    return FaultyRig([drone(seed)], seed=seed, faults=faults, attitude=turning(seed, largest), **options)
-
-
-def try_fault(faults: Faults, seed: int, seconds: float, array: str = 'pair') -> Told:
-    """What is told of a rig within `seconds`; see `turning_rig`."""
-    rig = turning_rig(faults, seed, array=array)
+    rig = FaultyRig(MeasurementSimulation(flight(seed, seconds), seed, turning(seed), pair=array == 'pair', sound_clutter=0.0,
+                                          sight_clutter=0.0), faults)
     found: Fault | None = None
     first = certain = math.inf
-    for t in rig.steps(seconds):
-        fault = rig.stage.consistency.fault if rig.stage.consistency else None
+    for t in rig.steps():
+        fault = rig.monitor.fault
         if fault is not None and (found is None or fault.is_certain > found.is_certain):
             found, first = fault, min(first, t)
             certain = t if fault.is_certain else certain
     cut = min(first, seconds)
-    before, after = ((lies(rig, begin, end), lies(rig, begin, end, in_world=True))
+    before, after = ((rig.lies(begin, end), rig.lies(begin, end, in_world=True))
                      for begin, end in pairwise((0.0, cut, math.inf)))
     return Told(found, first, certain, before, after)
 
@@ -136,8 +138,8 @@ def faultless(scenario: str, seed: int) -> tuple[float, dict[str, bool]]:
     content = load(Scenario, find_config(scenario, 'scenarios'))
     r = np.random.default_rng([5, seed])
     angle, period, birds = r.uniform(0.0, 1.0), r.uniform(5.0, 20.0), int(r.integers(5))
-    drawn = MeasurementSimulation(content, seed, SensorModel(pair=seed % 2 == 1, birds=birds),
-                                  lambda time: angle * math.sin(math.tau * time / period))
+    drawn = MeasurementSimulation(content, seed, lambda time: angle * math.sin(math.tau * time / period), pair=seed % 2 == 1,
+                                  birds=birds)
     motion = RigMotion()
     monitor = ConsistencyMonitor(motion)
     told: dict[str, bool] = {}
@@ -146,8 +148,7 @@ def faultless(scenario: str, seed: int) -> tuple[float, dict[str, bool]]:
         motion.add(Pose.level(scan.time, yaw, (drawn.yaw(scan.time + 1e-3) - yaw) / 1e-3))
         if scan.doas:
             monitor.add_doas(scan.doas)
-        if scan.image is not None:
-            monitor.add_camera(scan.image)
+        monitor.add_camera(scan.image)
         fault = monitor.advance(scan.time)
         if fault is not None:
             text = next(name for name in NAMES.values() if name in fault.text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.camera_effects import contrast_left
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import Drone, TruthBox, View, appearance, oracle_box, outline, rotor_hubs
+from av_simulator.rendering.view import Appearance, Box, Drone, TruthBox, View, appearance, outline, rotor_hubs, score
 
 
 class Oracle:
@@ -48,24 +48,43 @@ class Oracle:
 
     def look(self, view: View, drone: Drone) -> tuple[TruthBox, OracleBox | None]:
         """How a drone appears in a view, and its box where it has one; the visible fraction is that of points on the drone."""
-        distance = float(np.linalg.norm(drone.position - view.position))
-        transmission = view.atmosphere.transmission(view.position, drone.position)
-        unseen = TruthBox(drone.target_id, None, 0.0, transmission, distance)
-        seen = appearance(self._camera, view, drone)
-        if seen is None:
-            return unseen, None
         points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])
         points = np.concatenate([points, 0.5 * (points[1:] + drone.position)])
-        hidden = self._solids.hide(view.position, points)
-        if hidden.all():
-            return unseen, None
-        box = seen.box
-        if hidden.any():
+
+        def visible(seen: Appearance) -> tuple[Box, float] | None:
+            hidden = self._solids.hide(view.position, points)
+            if hidden.all():
+                return None
+            if not hidden.any():
+                return seen.box, 1.0
             pixels = self._camera.project(view.to_optical(points[~hidden]))
             low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
-            box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        truth = TruthBox(drone.target_id, box, 1.0 - float(hidden.mean()), transmission, distance)
-        return truth, oracle_box(seen, truth, contrast_left(view, transmission, self._thermal))
+            return (float(low[0]), float(low[1]), float(high[0]), float(high[1])), 1.0 - float(hidden.mean())
+
+        return look_of(self._camera, view, drone, visible, self._thermal)
+
+
+def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[Appearance], tuple[Box, float] | None],
+            thermal: bool = False) -> tuple[TruthBox, OracleBox | None]:
+    """How a drone appears in a view, and the oracle's box of it, None if its score is 0.
+
+    Parameters:
+        camera: intrinsics.
+        view: pose of the camera, air and light.
+        drone: the drone.
+        visible: gives the box (px) of its visible part, and the share (0 to 1) of that; None where it is hidden.
+        thermal: whether the camera sees heat.
+    """
+    distance = float(np.linalg.norm(drone.position - view.position))
+    transmission = view.atmosphere.transmission(view.position, drone.position)
+    seen = appearance(camera, view, drone)
+    shown = None if seen is None else visible(seen)
+    if seen is None or shown is None:
+        return TruthBox(drone.target_id, None, 0.0, transmission, distance), None
+    box, share = shown
+    value = score(seen.width_px, transmission * contrast_left(view, transmission, thermal), share * seen.in_view)
+    found = OracleBox(drone.target_id, value, *box) if value > 0.0 else None
+    return TruthBox(drone.target_id, box, share, transmission, distance), found
 
 
 class Solids:

@@ -26,6 +26,7 @@ MOST_WAITING = 2       # maximum number of requested views; more would only add 
 PATIENCE = 60.0        # s, limit for the first image, which includes loading of libraries and compilation of shaders
 HUNG = 20.0            # s, limit for a further one: a scene on a core that thirty others share takes half of it
 FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 log = logging.getLogger('simulator')
 
 RENDERERS = ('auto', 'scene', 'flat')
@@ -99,17 +100,16 @@ class RenderProcess:
     Parameters:
         factory: creates the renderer in that process.
         kind: kind of renderer, see `RendererFactory.make`.
-        jpeg_quality (0 to 100): quality of the images.
         first: view for the warm-up of the renderer, whose frame is discarded.
         depth: whether every frame includes depth.
     """
 
-    def __init__(self, factory: RendererFactory, kind: str, jpeg_quality: int, first: View, depth: bool = False) -> None:
+    def __init__(self, factory: RendererFactory, kind: str, first: View, depth: bool = False) -> None:
         self._waiting, self._opened = 0, False
         self._progress = time.monotonic()    # s, when the newest frame came, or was requested where none was outstanding
         context = multiprocessing.get_context('spawn')    # a fork would copy locks held by other threads
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, factory, kind, jpeg_quality, first, depth),
+        self._process = context.Process(target=_work, args=(other, factory, kind, first, depth),
                                         name='camera', daemon=True)
         self._process.start()
         other.close()
@@ -183,7 +183,7 @@ class RenderProcess:
         return result
 
 
-def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_quality: int, first: View, depth: bool) -> None:
+def _work(connection: Connection, factory: RendererFactory, kind: str, first: View, depth: bool) -> None:
     """Main function of the process: render views from the connection until it is closed."""
     for number in (signal.SIGINT, signal.SIGTERM):    # sent to the whole process group; the simulator ends this process
         signal.signal(number, signal.SIG_IGN)
@@ -191,7 +191,6 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
     # Images are small: one core suffices, and threads of Mesa's renderer would need 25 % more processor time.
     cv2.setNumThreads(1)
     os.environ.setdefault('LP_NUM_THREADS', '0')
-    quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
     try:
         renderer = factory.make(kind)
         if renderer.render(first).depth is None and depth:
@@ -201,7 +200,7 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
             view = connection.recv()
             image = renderer.render(view)
             raw = image.bgr.dtype == np.uint16
-            data = cv2.imencode('.png' if raw else '.jpg', image.bgr, FAST_PNG if raw else quality)[1].tobytes()
+            data = cv2.imencode('.png' if raw else '.jpg', image.bgr, FAST_PNG if raw else JPEG)[1].tobytes()
             png = b'' if not depth or image.depth_mm is None else cv2.imencode('.png', image.depth_mm, FAST_PNG)[1].tobytes()
             connection.send(CameraFrame(view, data, image.boxes, png))
     except (EOFError, BrokenPipeError, ConnectionResetError):

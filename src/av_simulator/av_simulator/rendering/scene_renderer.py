@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes.util
 import os
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from types import ModuleType
 from typing import Any
 
@@ -26,20 +26,11 @@ from av_simulator.rendering.camera_effects import (
     CameraEffects,
     ThermalCamera,
     apparent_temperature,
-    contrast_left,
 )
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
+from av_simulator.rendering.oracle import look_of
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import (
-    FIRST_TARGET_ID,
-    Appearance,
-    Drone,
-    RenderedImage,
-    TruthBox,
-    View,
-    appearance,
-    oracle_box,
-)
+from av_simulator.rendering.view import FIRST_TARGET_ID, Appearance, Box, Drone, RenderedImage, View, appearance
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
@@ -121,16 +112,11 @@ class SceneRenderer:
             image = self._thermal_camera.picture(thermal, view)
         else:
             image = self._effects.apply(_veiled(bgr, optical_depth), view)
-        seen = {drone.target_id: appearance(self._camera, view, drone) for drone in view.drones}
-        truth, boxes = [], []
-        for number, drone in enumerate(view.drones):
-            where = seen[drone.target_id]
-            truth.append(self._truth(view, number, drone, where, depth))
-            if where is not None and (box := oracle_box(where, truth[-1], contrast_left(
-                    view, truth[-1].transmission, self._thermal_camera is not None))) is not None:
-                boxes.append(box)
+        looks = [look_of(self._camera, view, drone, partial(self._visible, view, number, drone, depth),
+                         self._thermal_camera is not None) for number, drone in enumerate(view.drones)]
         segmentation = None if identities is None else self._owner[identities]
-        return RenderedImage(image, boxes, truth, depth, segmentation, thermal)
+        boxes = [box for _, box in looks if box is not None]
+        return RenderedImage(image, boxes, [truth for truth, _ in looks], depth, segmentation, thermal)
 
     def _place(self, view: View) -> None:
         data, model = self._data, self._model
@@ -192,12 +178,8 @@ class SceneRenderer:
                 order[geom.segid + 1] = geom.objid
         return order[value]
 
-    def _truth(self, view: View, number: int, drone: Drone, where: Appearance | None, depth: NDArray) -> TruthBox:
-        distance = float(np.linalg.norm(drone.position - view.position))
-        transmission = view.atmosphere.transmission(view.position, drone.position)
-        hidden = TruthBox(drone.target_id, None, 0.0, transmission, distance)
-        if where is None:
-            return hidden
+    def _visible(self, view: View, number: int, drone: Drone, depth: NDArray, where: Appearance) -> tuple[Box, float] | None:
+        """Box and share of the pixels of a drone that nothing hides; None without any."""
         window = where.window(margin=2)
         alone = np.zeros(6, int)
         alone[DRONE_GROUP + number] = 1
@@ -207,12 +189,11 @@ class SceneRenderer:
         if depth[window].min() < nearest:    # possibly occluded
             visible = self._owner[self._identities(window)] == drone.target_id
         if not visible.any():
-            return hidden
-        fraction = float(visible.sum() / max(covered.sum(), visible.sum()))
+            return None
         rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
         box = (float(columns[0] + window[1].start), float(rows[0] + window[0].start),
                float(columns[-1] + window[1].start), float(rows[-1] + window[0].start))
-        return TruthBox(drone.target_id, box, fraction, transmission, distance)
+        return box, float(visible.sum() / max(covered.sum(), visible.sum()))
 
     @cached_property
     def _owner(self) -> NDArray:

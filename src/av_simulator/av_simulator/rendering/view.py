@@ -18,6 +18,7 @@ BODY_SIZE = np.array([0.16, 0.09, 0.06])    # half axes relative to the size of 
 HALF_SIZE_PX = 8.0        # width of a target with a score of 0.5 in clear air
 HALF_TRANSMISSION = 0.15  # contrast at which a large target has a score of 0.5
 LEAST = 0.05              # score below which a detector reports nothing
+Box = tuple[float, float, float, float]     # px, min_x, min_y, max_x, max_y
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class TruthBox:
     """
 
     target_id: int
-    box: tuple[float, float, float, float] | None
+    box: Box | None
     visible_fraction: float
     transmission: float
     distance: float
@@ -159,7 +160,7 @@ class Appearance:
         in_view (0 to 1): fraction of the box inside the image.
     """
 
-    box: tuple[float, float, float, float]
+    box: Box
     width_px: float
     in_view: float
 
@@ -191,18 +192,6 @@ def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | 
         return None
     box = (float(inside_low[0]), float(inside_low[1]), float(inside_high[0]), float(inside_high[1]))
     return Appearance(box, float(high[0] - low[0]), in_view)
-
-
-def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleBox | None:
-    """The oracle's box of one drone, None if its score is 0.
-
-    Parameters:
-        seen: projection of the drone.
-        truth: true box, visible fraction and transmission.
-        light (0 to 1): factor of the exposure on the contrast.
-    """
-    value = score(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
-    return OracleBox(truth.target_id, value, *(truth.box or seen.box)) if value > 0.0 else None
 
 
 def score(size_px: float, transmission: float, visible_fraction: float = 1.0) -> float:
