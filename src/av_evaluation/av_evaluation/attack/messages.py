@@ -31,8 +31,6 @@ ALWAYS = {'/clock': 'rosgraph_msgs/msg/Clock', '/tf': 'tf2_msgs/msg/TFMessage'}
 ENABLED_S = 2.0            # for which its answer is waited
 HEADER = 4                 # bytes of any serialized message
 MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the machine the attack
-# s by which a stamp jumps
-JUMPS = (1e-3, -1e-3, 0.05, -0.05, 0.4, -0.4, 1.0, -1.0, 10.0, -10.0, 1e3, -1e3, 1e6, -1e6, 2e9, -2e9)
 STEP_S = 0.01    # between looks at what is due
 
 
@@ -109,7 +107,7 @@ class Messages(Node):
 
     def attack(self, seconds: float, rate: float, seed: int, stale: bool = False, spare: tuple[str, ...] = ()
                ) -> dict[str, int]:
-        """Send well-formed messages with hostile fields, damaged ones, and genuine ones whose stamps jump, in turns.
+        """Send well-formed messages with hostile fields, genuine ones at another time, and damaged ones, in turns.
 
         The publishers are made for the attack and taken away with it. Returns the number of messages by topic.
 
@@ -124,12 +122,11 @@ class Messages(Node):
         values.stale = stale
         targets = [target for target in self._targets if target.topic not in spare]
         publishers = [self.create_publisher(target.kind, target.topic, target.qos) for target in targets]
-        makers = (typed, malformed) if stale else (typed, malformed, jumping)
         sent: Counter[str] = Counter()
         for number in paced(seconds, rate * len(targets)):
             target = targets[number % len(targets)]
             try:
-                publishers[number % len(targets)].publish(makers[number // len(targets) % len(makers)](target, values))
+                publishers[number % len(targets)].publish(MAKERS[number // len(targets) % len(MAKERS)](target, values))
             except Exception as error:  # noqa: BLE001  the middleware refuses some of them; rclpy has no class for it
                 sent[f'refused by the middleware: {str(error)[:60]}'] += 1
                 continue
@@ -152,9 +149,9 @@ class Messages(Node):
 
 
 def typed(target: Target, values: HostileValues) -> Any:
-    """A well-formed message, made of a genuine one or of nothing, with hostile fields."""
-    share = values.random.choice((0.02, 0.2, 0.7))
-    message = target.message() if values.random.random() < 0.7 else target.kind()
+    """A well-formed message, made of a genuine one or of nothing, with hostile fields and stamps, or stamps alone."""
+    share = values.random.choice((0.0, 0.0, 0.02, 0.2, 0.7))
+    message = target.message() if not share or values.random.random() < 0.7 else target.kind()
     values.disturb(message, share)
     if hasattr(message, 'transforms'):
         _break_rotations(message, values)
@@ -175,20 +172,7 @@ def malformed(target: Target, values: HostileValues) -> bytes:
     return data[:HEADER] + values.mutilate(data[HEADER:])
 
 
-def jumping(target: Target, values: HostileValues) -> Any:
-    """A genuine message whose stamp jumps."""
-    message = target.message()
-    seconds, fraction = divmod(min(max(time.time() + values.random.choice(JUMPS), -2.0**31), 2.0**31 - 1.0), 1.0)
-    for item in (getattr(message, 'header', message), message):
-        if hasattr(item, 'stamp'):
-            item.stamp.sec, item.stamp.nanosec = int(seconds), int(1e9 * fraction)
-    if hasattr(message, 'clock'):
-        message.clock = values.stamp()
-    if hasattr(message, 'transforms'):
-        _break_rotations(message, values)
-    if target.topic == COMMAND:
-        message.reason = MARK.decode()
-    return message
+MAKERS = (typed, malformed)
 
 
 def _break_rotations(message: Any, values: HostileValues) -> None:

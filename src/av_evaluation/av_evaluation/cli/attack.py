@@ -302,7 +302,7 @@ class Attack:
     def _show(self, result: Result) -> None:
         back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
         print(f'{time.monotonic() - self._begun:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} '
-              f'deaths, {result.found.bad_count} bad commands, {result.found.move_count} wrong moves, tracking back: {back}',
+              f'deaths, {len(result.found.bad)} bad commands, {len(result.found.moves)} wrong moves, tracking back: {back}',
               flush=True)
         if result.late:
             print(f'         bearings meanwhile: {result.meanwhile}', flush=True)
@@ -351,7 +351,7 @@ def table(results: Sequence[Result]) -> str:
         times = [math.inf if one.recovery is None else one.recovery for one in runs]
         lines.append(f'| {name} | {len(runs)} | {sum(sum(one.sent.values()) for one in runs):,} '
                      f'| {sum(len(one.deaths) for one in runs)} | {sum(one.found.commands for one in runs):,} '
-                     f'| {sum(one.found.bad_count for one in runs)} | {sum(one.found.move_count for one in runs)} '
+                     f'| {sum(len(one.found.bad) for one in runs)} | {sum(len(one.found.moves) for one in runs)} '
                      f'| {max(times):.1f} |')
     return '\n'.join(lines)
 

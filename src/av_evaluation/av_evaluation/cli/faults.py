@@ -6,6 +6,7 @@ import argparse
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import TypeVar
 
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _told(seconds: float, array: str, job: tuple[Faults, int]) -> Told:
-    return try_fault(job[0], job[1], seconds, array)
+    return try_fault(*job, seconds, array)
 
 
 def _faultless(job: tuple[str, int]) -> tuple[str, float, dict[str, bool]]:
@@ -50,15 +51,13 @@ def _faultless(job: tuple[str, int]) -> tuple[str, float, dict[str, bool]]:
 
 
 def _each(call: Callable[[Job], Result], jobs: list[Job], processes: int) -> Iterator[Result]:
-    """What a function gives for each of some jobs, in several processes where that is asked."""
+    """What a function gives for each of some jobs, in several processes."""
     progress = Progress()
     progress.show(0, len(jobs))
-    pool = multiprocessing.get_context('spawn').Pool(processes) if processes > 1 else None
-    for number, result in enumerate(map(call, jobs) if pool is None else pool.imap(call, jobs), 1):
-        progress.show(number, len(jobs))
-        yield result
-    if pool is not None:
-        pool.close()
+    with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
+        for number, result in enumerate(pool.map(call, jobs), 1):
+            progress.show(number, len(jobs))
+            yield result
 
 
 def _print(rows: dict[str, tuple[Faults, list[Told]]]) -> int:

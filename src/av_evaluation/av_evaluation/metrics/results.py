@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -19,6 +19,7 @@ from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
 MOST_BYTES = 1_000_000_000    # of a kept result, decompressed
+ARRAY = 'array'     # stands in the JSON of a kept result for an array, with its name
 
 
 @dataclass
@@ -82,16 +83,11 @@ class RunResult:
     tracks: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Write `<name>-<key>.npz`."""
-        columns: dict[str, Any] = {f'{name}/{key}': value for name, method in self.methods.items()
-                   for key, value in vars(method).items() if isinstance(value, np.ndarray)}
-        columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
-        numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
-                   for name, method in self.methods.items()}
-        kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'tracks', 'missing', 'notes')
-        header = {key: getattr(self, key) for key in kept}
+        """Write `<name>-<key>.npz`: all arrays, and the rest as JSON with the arrays' names in their places."""
+        arrays: dict[str, Any] = {}
+        words = json.dumps(asdict(self), default=lambda array: _put(arrays, array))
         content = io.BytesIO()
-        np.savez_compressed(content, words=np.array(json.dumps([header, numbers])), **columns)
+        np.savez_compressed(content, words=np.array(words), **arrays)
         partial = folder / f'{self.name}-{self.key}.part'
         partial.write_bytes(content.getvalue())
         partial.replace(folder / f'{self.name}-{self.key}.npz')
@@ -109,18 +105,18 @@ class RunResult:
             with np.load(folder / f'{name}-{key}.npz') as kept:
                 if sum(entry.file_size for entry in kept.zip.infolist()) > MOST_BYTES:
                     return None
-                columns = {column: kept[column] for column in kept.files}
-            header, numbers = json.loads(str(columns.pop('words')))
-            result = cls(**header)
-        except (OSError, ValueError, KeyError, MemoryError, BadZipFile):  # absent, or incomplete
+                values = json.loads(str(kept['words']), object_hook=lambda part: kept[part[ARRAY]] if ARRAY in part else part)
+            values['methods'] = {method: MethodResult(**each) for method, each in values['methods'].items()}
+            return cls(**values)
+        except (OSError, ValueError, KeyError, TypeError, MemoryError, BadZipFile):  # absent, or incomplete
             return None
-        for method, values in numbers.items():
-            arrays = {column.split('/')[1]: value for column, value in columns.items() if column.startswith(f'{method}/')}
-            result.methods[method] = MethodResult(**arrays, **values)
-        for part in ('truth', 'state'):
-            setattr(result, part, {column.split('//')[1]: value for column, value in columns.items()
-                                   if column.startswith(f'{part}//')})
-        return result
+
+
+def _put(arrays: dict[str, NDArray], array: NDArray) -> dict[str, str]:
+    """Add an array to others; returns what stands for it in JSON."""
+    name = f'array{len(arrays)}'
+    arrays[name] = array
+    return {ARRAY: name}
 
 
 def errors_together(runs: Sequence[RunResult], method: str) -> NDArray:

@@ -21,7 +21,7 @@ from av_audio.localizer import LocalizerSettings
 from av_audio.methods import DOA_METHODS
 from av_evaluation.experiments.methods import code_of
 from av_fusion.methods import TRACKERS
-from av_simulator.config_files import find_config, shipped
+from av_simulator.config_files import find_config
 from av_vision.methods import DETECTORS
 from av_vision.models import shipped_model
 
@@ -80,11 +80,11 @@ class Case:
     @property
     def key(self) -> str:
         """Digest of everything that the result depends on: case, files, detector, and code, also that of others' methods."""
-        files = ('' if self.data else self.input, self.model, *self.parameters)
+        files = (self.input, self.model, self.rig, *self.parameters)
         others = [*code_of(self.methods), DETECTORS.code(self.model) if self.model != 'shipped' else '']
         if self.parameters:  # which may name any of them
             others += [group.code(name) for group in (DOA_METHODS, TRACKERS, DETECTORS) for name in group.others]
-        content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code(), *others])
+        content = json.dumps([asdict(self), *map(_content, files), _code(), *others])
         return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
@@ -130,31 +130,18 @@ def _search(folder: Path) -> list[str]:
     return found
 
 
-def _content(name: str) -> str:
-    """Digest of a file's content; of bags and models their sizes and times of change."""
+def _content(name: str) -> list[tuple[str, int, int]]:
+    """Files of a path with their sizes and times of change; none of a shipped name."""
     path = Path(name)
-    if name in ('', *DETECTORS.names):
-        return ''
-    if is_bag(path) or path.suffix == '.onnx':
-        files = sorted(path.rglob('*')) if path.is_dir() else [path]
-        return str([(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.exists()])
-    file = path if path.suffix == '.yaml' and path.exists() else find_config(name, 'scenarios')
-    return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-@cache
-def _rigs() -> list[str]:
-    """The shipped descriptions of rigs, which scenarios name."""
-    return [find_config(name).read_text() for name in shipped('')]
+    files = sorted(path.rglob('*')) if path.is_dir() else [path]
+    return [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if name and file.is_file()]
 
 
 @cache
 def _code() -> str:
-    """Digest of the code of PACKAGES and of the shipped detector."""
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        for file in sorted(Path(str(package.__file__)).parent.rglob('*.py')):
+    """Digest of the code of PACKAGES, the shipped detector, and the shipped scenarios, rigs and drones."""
+    digest, folders = hashlib.sha256(), [(Path(str(package.__file__)).parent, '*.py') for package in PACKAGES]
+    for folder, files in (*folders, (shipped_model().parent, '*.onnx'), (find_config('rig').parent, '*.yaml')):
+        for file in sorted(folder.rglob(files)):
             digest.update(file.read_bytes())
-    for file in sorted(shipped_model().parent.glob('*.onnx')):
-        digest.update(file.read_bytes())
     return digest.hexdigest()
