@@ -46,12 +46,14 @@ class RigState:
 
     Attributes:
         camera: the camera as it was turned at the time of the picture; None while it is unknown.
+        detections: the newest `Detection2DArray`; None before the first.
         sound: the newest directions of arrival in the body frame, the most confident first.
         world: the map of several rigs.
     """
 
     def __init__(self) -> None:
         self.camera: CameraView | None = None
+        self.detections: Any = None
         self.sound: Sequence[DoaMeasurement] = ()
         self.world = WorldMap()
         self._bearing: Any = None
@@ -60,7 +62,6 @@ class RigState:
         self._picture: tuple[float, tuple[int, int], Any] | None = None
         self._fusion: Any = None
         self._doa: Any = None
-        self._detections: Any = None
         self._tracks: Any = None
         self._command: Any = None
         self._heading: float | None = None
@@ -117,7 +118,7 @@ class RigState:
     def on_detections(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a `Detection2DArray`. Raises ValueError for an impossible stamp."""
         to_seconds(message.header.stamp)
-        self._detections = message
+        self.detections = message
 
     def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a `TrackArray`. Raises ValueError for an impossible stamp."""
@@ -236,7 +237,7 @@ class RigState:
         return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
 
     def _sight_part(self, now: float) -> dict[str, Any] | None:
-        message = self._detections
+        message = self.detections
         if message is None or now - to_seconds(message.header.stamp) > STALE_S:
             return None
         return {'boxes': [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]}

@@ -14,24 +14,23 @@ MOST_RIGS = 20  # of one map
 
 
 class WorldMap:
-    """The newest `WorldTrackArray`. Metres in its common frame, x to the east and y to the north."""
+    """The newest `WorldTrackArray`. Metres in its common frame, x to the east and y to the north.
+
+    Attributes:
+        message: the newest message; None before the first.
+    """
 
     def __init__(self) -> None:
-        self._message: Any = None
+        self.message: Any = None
 
     def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a `WorldTrackArray`. Raises ValueError for an impossible stamp."""
         to_seconds(message.header.stamp)
-        self._message = message
-
-    @property
-    def message(self) -> Any:
-        """The newest message; None before the first."""
-        return self._message
+        self.message = message
 
     def part(self, now: float) -> dict[str, Any] | None:
         """The tracks and rigs at `now` (s); None without recent ones."""
-        message = self._message
+        message = self.message
         if message is None or now - to_seconds(message.header.stamp) > STALE_S:
             return None
         tracks = [found for found in map(_track, message.tracks[:MOST_TRACKS]) if found is not None]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterType
+from rcl_interfaces.msg import Log, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -23,11 +23,8 @@ from av_interfaces.srv import SelectTarget
 
 TIMEOUT_S = 5.0  # after which a person is told that no answer came
 LONGEST_MARK = 200  # characters
-# Parameters that people tune while they look, by nodes of the rig.
+# Parameters that people tune while they look, by nodes of the rig; all are real numbers.
 TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('yaw_rate_deg',)}
-# Values of parameters that a page can enter.
-KINDS = {ParameterType.PARAMETER_BOOL: Parameter.Type.BOOL, ParameterType.PARAMETER_INTEGER: Parameter.Type.INTEGER,
-         ParameterType.PARAMETER_DOUBLE: Parameter.Type.DOUBLE, ParameterType.PARAMETER_STRING: Parameter.Type.STRING}
 Done = Callable[[dict[str, Any]], None]
 FILES = ('.mcap', '.db3')
 MOST_BAGS = 500  # names in one list
@@ -171,12 +168,12 @@ class RigControl:
         if name == 'tuning':
             return lambda done: self._describe(rig, done)
         if name == 'seek':
-            return lambda done: self._set(f'{rig}/player_node', 'position', request['value'], done)
+            return lambda done: self._set(f'{rig}/player_node', 'position', float(request['value']), done)
         if name == 'set':
             node, parameter, value = str(request['node']), str(request['name']), request['value']
             if parameter not in TUNABLE.get(node, ()):
                 raise ValueError(f'{node[:80]}: {parameter[:80]} is not set here, only {TUNABLE}')
-            return lambda done: self._set(f'{rig}/{node}', parameter, value, done)
+            return lambda done: self._set(f'{rig}/{node}', parameter, float(value), done)
         raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, seek, tuning or set')
 
     def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
@@ -237,28 +234,13 @@ class RigControl:
         if not ready:
             done({'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'})
 
-    def _set(self, node: str, name: str, value: Any, done: Done) -> None:
-        """Set a parameter to a value of its own type; the node checks the bounds."""
-        client = self._parameters_of(node)
+    def _set(self, node: str, name: str, value: float | str, done: Done) -> None:
+        """Set a parameter; the node checks the bounds."""
+        def told(result: Any) -> None:
+            done({'done': bool(result.successful), 'words': result.reason or 'set'})
 
-        def described(kind: int) -> None:
-            if kind not in KINDS:
-                done({'done': False, 'words': f'{node} has no parameter {name[:80]} that can be set here'})
-                return
-            try:  # a page knows one kind of number
-                number = float(value) if KINDS[kind] == Parameter.Type.DOUBLE else value
-                parameter = Parameter(name, KINDS[kind], number)
-            except (ValueError, TypeError, OverflowError) as error:
-                done({'done': False, 'words': f'{name}: {error}'})
-                return
-            client.set_parameters([parameter]).add_done_callback(lambda future: done(_result(future.result().results[0])))
-
-        client.describe_parameters([name]).add_done_callback(lambda future: described(
-            future.result().descriptors[0].type if future.result().descriptors else 0))
-
-
-def _result(result: Any) -> dict[str, Any]:
-    return {'done': bool(result.successful), 'words': result.reason or 'set'}
+        self._parameters_of(node).set_parameters([Parameter(name, value=value)]).add_done_callback(
+            lambda future: told(future.result().results[0]))
 
 
 def _entry(node: str, descriptor: ParameterDescriptor, value: Any) -> dict[str, Any]:

@@ -81,9 +81,9 @@ class RigWatch:
 
     def __init__(self, node: RigNode, rig: str, put: Callable[[Callable[[Feed], None]], None]) -> None:
         self.seen = time.monotonic()
-        self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
+        self._node, self._rig, self._put = node, rig, put
         self._state = state = RigState()
-        self._images, self._detections = RecentImages(), Detection2DArray()
+        self._images = RecentImages()
         self._pictured = (0, False)  # stamp (ns) of the image that is shown, and whether its detections are
         self.snapshot = state.snapshot(node.now())
         self._spectrum_time, self._coherence = 0.0, Coherence()
@@ -103,7 +103,7 @@ class RigWatch:
         self._read(Log, 'marks', state.on_mark, RESULT)
         self._read(PointingCommand, 'pointing/command', state.on_command, NEWEST_RESULT)
         self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
-        self._read(Detection2DArray, 'detections', self._on_detections)
+        self._read(Detection2DArray, 'detections', state.on_detections)
         self._read(AudioFrame, 'audio/frames', self._on_audio, period=SPECTRUM_PERIOD_S)
         self._decode_image = deserialiser('sensor_msgs/msg/Image')
         self._entities = [entity for entity in node.entities() if entity not in before]
@@ -167,18 +167,14 @@ class RigWatch:
         except BAD_INPUT as error:
             self._node.refused.refuse(name, error)
 
-    def _on_detections(self, message: Detection2DArray, _published: float) -> None:
-        self._state.on_detections(message)
-        self._detections = message
-
     def _new_picture(self, encode: bool) -> bytes:
         """The image in which the newest detections were made, so that boxes fit; without detections the newest image.
 
         Empty where it is shown already, or where it is not to be encoded.
         """
-        header = self._detections.header
-        stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
-        detected = self._node.now() - 1e-9 * stamp < STALE_S
+        detections = self._state.detections
+        stamp = 0 if detections is None else detections.header.stamp.sec * 1_000_000_000 + detections.header.stamp.nanosec
+        detected = detections is not None and self._node.now() - 1e-9 * stamp < STALE_S
         data = self._images.get(stamp) if detected else None
         if data is None and not (detected and self._pictured[1] and self._images.get(self._pictured[0])):
             stamp, detected, data = self._images.newest, False, self._images.get(self._images.newest)
@@ -188,7 +184,7 @@ class RigWatch:
         message = self._decode_image(data)
         taken, image = to_seconds(message.header.stamp), image_from_message(message)
         self._look_through(message.header.frame_id, taken)
-        self._state.on_picture(taken, (message.width, message.height), self._detections if detected else None)
+        self._state.on_picture(taken, (message.width, message.height), detections if detected else None)
         return jpeg_of(image) if encode and first else b''
 
     def _look_through(self, frame: str, time: float) -> None:
