@@ -143,16 +143,6 @@ def detections_message(header: Header, detections: Detections, ids: Sequence[int
     return message
 
 
-def detections_from_message(message: Any) -> tuple[Detections, list[str]]:
-    """The detections of a `Detection2DArray` by their first hypotheses, and their ids; those without hypothesis are omitted."""
-    known = [one for one in message.detections if one.results]
-    middle = np.array([(one.bbox.center.position.x, one.bbox.center.position.y) for one in known]).reshape(-1, 2)
-    half = 0.5 * np.array([(one.bbox.size_x, one.bbox.size_y) for one in known]).reshape(-1, 2)
-    scores = np.array([one.results[0].hypothesis.score for one in known], float)
-    return Detections(np.concatenate([middle - half, middle + half], axis=1), scores,
-                      tuple(one.results[0].hypothesis.class_id for one in known)), [one.id for one in known]
-
-
 def visibility_message(header: Header, visibility: Visibility) -> VisibilityMessage:
     """Convert the visibility in an image to a message.
 

@@ -20,6 +20,7 @@ from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision import visibility as visibilities
 from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of
+from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
@@ -96,6 +97,7 @@ class DetectionStage:
 
     Attributes:
         shown (h, w[, channels]): the newest image, in 8 bits; None before the first.
+        detected: its detections and their tracks.
 
     Parameters:
         detector: the detector and its state over images.
@@ -111,6 +113,7 @@ class DetectionStage:
                  rotation_of: RotationOf = lambda frame, time: None, kind: str = 'visible') -> None:
         self.detector, self._black_hot = detector, kind == 'black_hot'
         self.shown: NDArray[np.uint8] | None = None
+        self.detected: tuple[Detections, list[int]] = Detections(), []
         self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
         self._camera, self._rotation_of, self._told = camera, rotation_of, False
@@ -136,7 +139,7 @@ class DetectionStage:
         image = self.shown = self._gain.apply(counts, time)
         pose = self._pose(header.frame_id, time, camera)
         image = 255 - image if self._black_hot else image
-        detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
+        detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
         visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
         complete = len(detections) or self.detector.searched(time)

@@ -16,7 +16,6 @@ from av_common.camera import PinholeCamera
 from av_vision.detections import Detections
 from av_vision.messages import (
     camera_info_message,
-    detections_from_message,
     detections_message,
     header_of,
     image_from_message,
@@ -105,25 +104,20 @@ def test_a_camera_comes_back_from_its_message(distortion, model):
     assert PinholeCamera.from_camera_info(info) == camera
 
 
-def test_detections_come_back_from_their_message():
+def test_detections_are_in_their_message():
     detections = Detections(np.array([[1.0, 2.0, 5.0, 10.0], [0.0, 0.0, 2.5, 1.0]]), np.array([0.9, 0.4]), ('drone', 'bird'))
     message = detections_message(HEADER, detections, (7, 'oracle'))
     assert {tuple(map(str, (one.header.stamp, one.header.frame_id))) for one in message.detections} == {
         (str(HEADER.stamp), HEADER.frame_id)}
     first = message.detections[0]
     assert (first.bbox.center.position.x, first.bbox.center.position.y, first.bbox.size_x, first.bbox.size_y) == (3, 6, 4, 8)
-    back, ids = detections_from_message(message)
-    assert np.array_equal(back.boxes, detections.boxes)
-    assert np.array_equal(back.scores, detections.scores)
-    assert (back.class_names, ids) == (('drone', 'bird'), ['7', 'oracle'])
-    message.detections[0].results = []
-    assert detections_from_message(message)[1] == ['oracle']
+    assert [one.results[0].hypothesis.score for one in message.detections] == [0.9, 0.4]
+    assert [(one.results[0].hypothesis.class_id, one.id) for one in message.detections] == [('drone', '7'), ('bird', 'oracle')]
 
 
 def test_no_detection_is_an_empty_array():
     message = detections_message(HEADER, Detections(), ())
     assert len(message.detections) == 0
-    assert len(detections_from_message(message)[0]) == 0
 
 
 def test_visibility_and_the_header_of_another_library():

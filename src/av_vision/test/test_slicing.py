@@ -35,8 +35,8 @@ def test_boxes_of_tiles_come_back_at_their_place_and_once(tmp_path):
     assert {tuple(np.rint(box).astype(int).tolist()) for box in found.boxes} == expected
 
 
-@pytest.mark.parametrize(('side', 'expected'), [(320, [(1, 3, 320, 640), (3, 3, 640, 640)]),
-                                                (800, [(1, 3, 320, 640), (3, 3, 800, 800)])])
+@pytest.mark.parametrize(('side', 'expected'), [(320, [(1, 3, 320, 640), *3 * [(1, 3, 640, 640)]]),
+                                                (800, [(1, 3, 320, 640), *3 * [(1, 3, 800, 800)]])])
 def test_tiles_are_enlarged_to_the_models_input_and_never_shrunk(monkeypatch, side, expected):
     detector = Detector(shipped_model(), DetectorSettings(slice_size=side, input_size=640))
     shapes, run = [], detector.model.run

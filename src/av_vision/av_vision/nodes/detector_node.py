@@ -20,7 +20,7 @@ from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.drawing import draw
-from av_vision.messages import detections_from_message, image_message
+from av_vision.messages import image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.search import Pace
 from av_vision.stage import make_detection_stage
@@ -146,7 +146,7 @@ class DetectorNode(RigNode):
             return
         self._detections.publish(detections)
         if self._debug.get_subscription_count() and self._stage.shown is not None:
-            drawn = draw(self._stage.shown, *detections_from_message(detections))
+            drawn = draw(self._stage.shown, *self._stage.detected)
             self._debug.publish(image_message(message.header, drawn, 'bgr8'))
 
     def _keep_pace(self, took: float) -> None:

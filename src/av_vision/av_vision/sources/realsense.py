@@ -38,7 +38,6 @@ class RealSenseSource:
         depth: whether to capture depth aligned to the colour image.
         on_motion: function that the thread of the SDK calls with time (s), angular velocity (rad/s) and acceleration
             (m/s^2) in the camera's optical frame.
-        recording: file of the SDK to play instead of a camera.
         device: existing device of the SDK to use instead, such as a software device.
         now: clock of the caller in s.
     """
@@ -50,7 +49,6 @@ class RealSenseSource:
     exposure_ms: float = 0.0
     depth: bool = False
     on_motion: Motion | None = None
-    recording: str = ''
     device: Any = None
     now: Callable[[], float] = time.time
     _running: list[Any] = field(default_factory=list)
@@ -61,7 +59,7 @@ class RealSenseSource:
         try:
             self._start()
         except RuntimeError as error:
-            raise SourceError(f'RealSense {self.serial or self.recording}: {error}') from error
+            raise SourceError(f'RealSense {self.serial}: {error}') from error
 
     def read(self) -> CapturedImage:
         """The next colour image, with the depth that belongs to it; raises SourceError when no frames arrive."""
@@ -69,7 +67,7 @@ class RealSenseSource:
             try:
                 frames = self._queue.wait_for_frames(TIMEOUT_MS)
             except RuntimeError as error:
-                raise SourceError(f'RealSense {self.serial or self.recording} delivers no more frames: {error}') from error
+                raise SourceError(f'RealSense {self.serial} delivers no more frames: {error}') from error
             if not frames.get_color_frame() or (self.depth and not frames.get_depth_frame()):
                 continue
             taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
@@ -111,8 +109,6 @@ class RealSenseSource:
     def _find(self) -> Any:
         rs = self._rs
         context = rs.context()
-        if self.recording:
-            return context.load_device(self.recording)
         devices = [device for device in context.query_devices()
                    if self.serial in ('', device.get_info(rs.camera_info.serial_number))]
         if not devices:
@@ -128,7 +124,7 @@ class RealSenseSource:
             return False
         video = profile.as_video_stream_profile()
         right_form = profile.format() in (rs.format.bgr8, rs.format.z16)
-        mine = self.recording or (video.width(), video.height(), video.fps()) == (self.width, self.height, int(self.rate or 30))
+        mine = (video.width(), video.height(), video.fps()) == (self.width, self.height, int(self.rate or 30))
         return bool(right_form and mine)
 
     def _captured(self, frames: Any, taken: float) -> CapturedImage:

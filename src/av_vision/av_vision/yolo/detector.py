@@ -105,7 +105,9 @@ class Detector:
             regions: parts of the image to search; by default all of it, and once more at a smaller size for large objects.
         """
         image = to_bgr8(image)
-        boxes, probabilities = self._search(image, regions or self._whole(*image.shape[:2]), floor)
+        regions = [*(regions or self._whole(*image.shape[:2])), *self._tiles(*image.shape[:2])]
+        found = [self._infer(image, region, floor) for region in regions]
+        boxes, probabilities = (np.concatenate(part) for part in zip(*found, strict=True))
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         # Exports without duplicates of their own may have one object as two classes.
@@ -131,20 +133,11 @@ class Detector:
         least = (NEAR if self.near is self.model else NEAR_MODEL) * max(width, height)
         return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
-    def _search(self, image: NDArray[np.uint8], regions: Sequence[Region], floor: float) -> tuple[NDArray, NDArray]:
-        """Boxes and probabilities in some regions of an image, and in tiles of `slice_size` as one batch."""
-        height, width = image.shape[:2]
-        found = [self._infer(image, region, floor) for region in regions]
-        side, model = self.settings.slice_size, self.model
+    def _tiles(self, height: int, width: int) -> list[Region]:
+        """Tiles of `slice_size`, enlarged to the model's input."""
+        side = self.settings.slice_size
         corners = tile_corners(width, height, side, OVERLAP) if side else []
-        if corners:
-            tiles = [Region('tile', x, y, side, side, max(side, model.longest)) for x, y in corners]
-            size = self._input_size(side, side, tiles[0].longest)
-            fitted = [letterbox(cut(image, tile), *size) for tile in tiles]
-            outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
-            for tile, (_, scale), output in zip(tiles, fitted, outputs, strict=True):
-                found.append(self._decoded(model, output, size, scale, tile, (height, width), floor))
-        return np.concatenate([boxes for boxes, _ in found]), np.concatenate([table for _, table in found])
+        return [Region('tile', x, y, side, side, max(side, self.model.longest)) for x, y in corners]
 
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names in a region, before suppression."""

@@ -59,8 +59,7 @@ class Model:
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         self._input = self._check_input()
         self.dtype = FLOATS[self._input.type]
-        batch, _, *size = self._input.shape
-        self.dynamic_batch = not isinstance(batch, int)
+        size = self._input.shape[2:]
         self.dynamic_size = not all(isinstance(side, int) for side in size)
         self.longest = self._longest(input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
@@ -88,9 +87,7 @@ class Model:
         return str(self.session.get_providers()[0])
 
     def run(self, tensor: NDArray) -> NDArray[np.float32]:
-        """Output (n, a, b) of a batch (n, 3, height, width); images are run one by one when the model has no dynamic batch."""
-        if len(tensor) > 1 and not self.dynamic_batch:
-            return np.concatenate([self.run(one[None]) for one in tensor])
+        """Output (1, a, b) for an image (1, 3, height, width)."""
         try:
             output = self.session.run([self._output_name], {self._input.name: tensor})[0]
         except Exception as error:  # onnxruntime's exceptions have no common base
