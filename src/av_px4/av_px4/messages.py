@@ -18,7 +18,7 @@ from av_common.frames import BASE_FRAME, ODOM_FRAME
 from av_common.stamps import to_stamp
 from av_px4.commands import COMPONENT, Command
 from av_px4.external_mode import MODE_NAME, Answer, Configure, Register, Registration
-from av_px4.frames import Pose, pose_from_px4
+from av_px4.frames import Pose
 from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
@@ -36,12 +36,6 @@ def status_from(message: Any) -> VehicleStatus:
                          'do not exist: px4_msgs is not of the firmware\'s version')
     return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1,
                          message.nav_state_user_intention, message.nav_state_timestamp)
-
-
-def pose_from(message: Any) -> Pose:
-    """The pose in a VehicleOdometry. Raises ValueError for an invalid quaternion or a frame other than NED."""
-    return pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
-                         message.velocity_frame)
 
 
 def odometry_message(time: float, pose: Pose) -> Odometry:

@@ -30,25 +30,14 @@ class OdometryConverter:
 
     PX4's stamps are seconds since boot while its time synchronisation is lost, lag or lead while it converges, and are never
     taken for ROS time: the offset follows from their arrivals alone. After a jump it is known again after a second.
+
+    Attributes:
+        pose: the continuous frame, with the estimator's corrections of heading and position.
+        clock: PX4's clock, which jumps when time synchronisation is lost or regained; poses that it refuses are not published.
     """
 
     def __init__(self) -> None:
-        self._pose, self._clock = ContinuousPose(), px4_clock()
-
-    @property
-    def clock_restarts(self) -> int:
-        """Number of jumps of PX4's clock; it jumps when time synchronisation is lost or regained."""
-        return self._clock.restarts
-
-    @property
-    def undated(self) -> int:
-        """Number of poses that could not be dated and were not published."""
-        return self._clock.refused
-
-    @property
-    def resets(self) -> int:
-        """Number of corrections of heading or position by PX4's estimator."""
-        return self._pose.resets
+        self.pose, self.clock = ContinuousPose(), px4_clock()
 
     def convert(self, time: float, arrival: float, pose: Pose, counter: int) -> Odometry | None:
         """The message of a pose, None when it cannot be dated: at the start and after a jump, for a second each.
@@ -59,10 +48,10 @@ class OdometryConverter:
             pose: pose in the estimator's frame
             counter: the estimator's reset counter
         """
-        stamp = self._clock.date(time, arrival)
+        stamp = self.clock.date(time, arrival)
         if stamp is None:
             return None
-        return odometry_message(stamp, self._pose.add(time, pose, counter))
+        return odometry_message(stamp, self.pose.add(time, pose, counter))
 
 
 def measured_speeds(message: Any) -> list[float]:

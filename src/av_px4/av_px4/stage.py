@@ -188,7 +188,8 @@ class Px4Stage:
     def on_vehicle_odometry(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Convert PX4's pose to the rig's odometry."""
         self._now = arrival
-        pose = px4.pose_from(message)
+        pose = pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
+                             message.velocity_frame)
         self.meters['odometry'].tick()
         return self._odometry(message, pose, message.reset_counter)
 
