@@ -28,8 +28,7 @@ from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.methods import TRACKERS
-from av_fusion.settings import make_tracker
+from av_fusion.settings import TRACKERS, make_tracker
 from av_vision.cli import detect
 from av_vision.methods import DETECTORS
 from av_vision.stage import make_detector

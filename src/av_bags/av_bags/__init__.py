@@ -3,7 +3,7 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'errors': 'BagError UnknownTypeError',
+    'definitions': 'BagError UnknownTypeError',
     'feed': 'BagRecord Feed',
     'reader': 'Bag',
     'topics': 'find_topics parse_remappings',

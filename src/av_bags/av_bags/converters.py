@@ -17,7 +17,7 @@ from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import Header
 
 from av_bags import topics as names
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock

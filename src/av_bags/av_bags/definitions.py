@@ -13,14 +13,20 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from av_bags.errors import UnknownTypeError
-
 SEPARATOR = '=' * 80 + '\n'  # of the parts of a definition, by rosbag2
 # Definitions of a package that many bags use and few systems have installed.
 AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                 'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',
                 'audio_common_msgs/msg/AudioInfo': 'uint8 channels\nuint32 sample_rate\nstring sample_format\n'
                                                    'uint32 bitrate\nstring coding_format\n'}
+
+
+class BagError(ValueError):
+    """A bag cannot be read or written; the message names the bag and the reason."""
+
+
+class UnknownTypeError(BagError):
+    """A message type has no definition, neither in the bag nor among the installed packages."""
 
 
 @cache

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from av_bags.decompression import expand
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_common.files import check_file, one_line
 from av_common.yaml_reader import load_yaml
 

@@ -23,8 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from av_bags.decompression import limit_rosbags, message
-from av_bags.definitions import AUDIO_COMMON, completed, installed_types, parse
-from av_bags.errors import BagError, UnknownTypeError
+from av_bags.definitions import AUDIO_COMMON, BagError, UnknownTypeError, completed, installed_types, parse
 from av_bags.parts import Parts
 from av_bags.salvage import copy_in_order, records_of_database, records_of_file, salvage
 from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of

@@ -13,8 +13,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v8
 
-from av_bags.definitions import definition
-from av_bags.errors import BagError
+from av_bags.definitions import BagError, definition
 from av_bags.retrying_file import RetryingFile, UnnamedFile
 
 COMPRESSIONS = ('none', 'lz4', 'zstd')

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2.storage_mcap import zstd
 
 from av_bags.decompression import MOST_BYTES, decompress
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_bags.writer import BagWriter
 

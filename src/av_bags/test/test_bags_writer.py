@@ -14,8 +14,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from av_bags.background_writer import BackgroundWriter
-from av_bags.definitions import definition
-from av_bags.errors import BagError, UnknownTypeError
+from av_bags.definitions import BagError, UnknownTypeError, definition
 from av_bags.reader import Bag
 from av_bags.writer import LATCHED, BagWriter
 

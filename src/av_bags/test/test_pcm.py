@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from av_bags.converters import AudioBytes, AudioLayout
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 
 
 @pytest.mark.parametrize(('data', 'sample_format', 'samples'), [

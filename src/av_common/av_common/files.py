@@ -68,10 +68,10 @@ def shown(value: Any) -> str:
     return one_line(_SHORT.repr(value))
 
 
-def one_line(text: object, longest: int = 300) -> str:
-    """A text without line breaks, cut after `longest` characters: messages of libraries may hold a whole file."""
+def one_line(text: object) -> str:
+    """A text without line breaks, cut after 300 characters: messages of libraries may hold a whole file."""
     words = ' '.join(str(text).split())
-    return words if len(words) <= longest else f'{words[:longest]} ...'
+    return words if len(words) <= 300 else f'{words[:300]} ...'
 
 
 def _kind(mode: int) -> str:

@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
 from av_bags.converters import AudioLayout
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_bags.writer import BagWriter
 from av_common.track import State

@@ -4,7 +4,7 @@ import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_evaluation.replay.replay import Replay

@@ -6,9 +6,7 @@ __all__, __getattr__ = exports(__name__, {
     'tracker': 'MultiTargetTracker',
     'measurement.measurements': 'CameraMeasurement Cone Detection DoaMeasurement Hypothesis',
     'measurement.rig_motion': 'Pose RigMotion',
-    'methods': 'TRACKERS',
     'plain_tracker': 'PlainTracker',
-    'settings': 'make_tracker',
+    'settings': 'TRACKERS Tracker make_tracker',
     'stage': 'FusionOutput FusionStage make_fusion_stage',
-    'tracker_protocol': 'Tracker',
 })

@@ -71,18 +71,18 @@ class GatedTracker(PlainTracker):
         self._visibility = math.nan
 
     def reset(self) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         super().reset()
         self.machine.restart()
         self.planner.cancel()
 
     def add_pose(self, pose: Pose) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         if self.motion.add(pose) is not None:  # earlier directions in the world are not valid
             self._unambiguous = self._stored = None
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `Tracker`; only the detection of highest score is used."""
+        """See `PlainTracker`; only the detection of highest score is used."""
         time, best = measurement.time - self._sight_delay, measurement.best
         if self._detection is not None and time < self._detection[0]:
             return  # late: a newer one is known
@@ -93,7 +93,7 @@ class GatedTracker(PlainTracker):
             self._unambiguous = (time, self._world_azimuth(time, best))
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         for measurement in measurements:
             self.add_doa(measurement)
 
@@ -122,11 +122,11 @@ class GatedTracker(PlainTracker):
         return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         self.machine.tau = tau
 
     def estimate(self, time: float) -> Track:
-        """See `Tracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
+        """See `PlainTracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
         machine = self.machine
         state = machine.step(time, time - max(self._newest.values()) < FORGET_S)
         track = Track(time=time, state=state, reason=machine.reason, changed=machine.changed,
@@ -157,7 +157,7 @@ class GatedTracker(PlainTracker):
             sight_weight=float(by_sight and not coasting))
 
     def diagnostics(self) -> dict[str, str]:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         return self.machine.diagnostics()
 
     def _is_resolved(self, time: float) -> bool:

@@ -16,10 +16,11 @@ FORGET_S = 3.0  # without a measurement for so long, there is no track
 
 
 class PlainTracker:
-    """Implements `Tracker`; a subclass says what a measurement changes, and where the target is.
+    """The interface of trackers, for one target; a subclass says what a measurement changes, and where the target is.
 
-    Of mirror images it takes the one nearest to where the target is, or in front of the rig. Detections below `tau` are not
-    used.
+    Measurements are plausible (`usable_doas`, `usable_camera`); they may arrive late and out of order. Times are capture times
+    in s. Of mirror images it takes the one nearest to where the target is, or in front of the rig. Detections below `tau` are
+    not used.
 
     Attributes:
         FOLDED: whether the tracker leaves it to others to tell front from back: in evaluations it is given the true one.
@@ -59,16 +60,16 @@ class PlainTracker:
         raise NotImplementedError
 
     def reset(self) -> None:
-        """See `Tracker`."""
+        """Discard the track and all times, but keep the rig's motion and the result of calibration."""
         self._newest = dict.fromkeys(self._newest, -math.inf)
         self.restart()
 
     def add_pose(self, pose: Pose) -> None:
-        """See `Tracker`."""
+        """Use attitude and motion of the rig."""
         self.motion.add(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `Tracker`."""
+        """Use the directions of arrival of one window, of different sources."""
         for measurement in measurements:
             yaw, known = self.motion.yaw(measurement.time), self.predict(measurement.time)
             expected = 0.0 if known is None else known[0] - yaw
@@ -76,7 +77,7 @@ class PlainTracker:
             self._use(measurement.time, nearest.azimuth + yaw, nearest.across_variance, Source.SOUND)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `Tracker`."""
+        """Use the detections of an image, or their absence."""
         best = measurement.best
         if best is not None and best.score >= self.tau:
             azimuth = best.azimuth + self.motion.yaw(measurement.time)
@@ -87,7 +88,7 @@ class PlainTracker:
         self.update(time, float(wrap(azimuth)), variance, source)
 
     def estimate(self, time: float) -> Track:
-        """See `Tracker`."""
+        """The track at `time` (s), which may be later than the newest measurement."""
         heard, seen = (time - self._newest[source] for source in (Source.SOUND, Source.SIGHT))
         known = self.predict(time) if min(heard, seen) <= FORGET_S else None
         if known is None:
@@ -104,7 +105,7 @@ class PlainTracker:
             front_probability=0.95 if math.cos(body) > 0.0 else 0.05, sound_weight=float(not sight), sight_weight=float(sight))
 
     def targets(self, track: Track) -> Targets:
-        """See `Tracker`."""
+        """All targets at the time of the newest estimate, `track`."""
         tracked = track.state != State.NONE
         self._id, self._tracked = self._id + (tracked and not self._tracked), tracked
         if not tracked:
@@ -113,25 +114,39 @@ class PlainTracker:
         return Targets(track.time, (Target(self._id, 1.0, track, heard=heard, seen=seen),), self._id)
 
     def select(self, identifier: int) -> None:
-        """See `Tracker`."""
+        """Follow the target with this id as long as it is tracked; 0: follow the one of the policy.
+
+        Raises ValueError where no such target is tracked.
+        """
         if identifier not in (0, self._id if self._tracked else 0):
             raise ValueError(f'target {identifier} is not tracked')
 
     def use_cue(self, cue: Any, variance: float, wrong: float) -> None:
-        """See `Tracker`: what others say is not used."""
+        """Decide between mirror images by where others say that a target is; not used here.
+
+        Parameters:
+            cue: unit vector in the world.
+            variance (rad^2): of its direction along each axis.
+            wrong: probability that it concerns another target.
+        """
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
-        """See `Tracker`."""
+        """Use other thresholds from now on; a tracker without such a decision ignores its threshold.
+
+        Parameters:
+            tau: score of a detection from which the camera leads.
+            confirm_threshold: probability from which the front-back ambiguity counts as resolved.
+        """
         self.tau = tau
 
     def forget_emitters(self) -> int:
-        """See `Tracker`: none are known."""
+        """Forget which targets are fixed emitters; returns how many were: none are known here."""
         return 0
 
     def densities(self) -> list[Any]:
-        """See `Tracker`: there are none."""
+        """The density of each target that may exist; empty for a tracker without one."""
         return []
 
     def diagnostics(self) -> dict[str, str]:
-        """See `Tracker`."""
+        """Names and values of internal state for diagnostics, such as the result of self-calibration."""
         return {}

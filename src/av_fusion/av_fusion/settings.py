@@ -6,14 +6,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from av_common.methods import Methods
 from av_common.rig import GimbalMount
 from av_fusion.identity.blade_pass import HIGHEST_HZ, LOWEST_HZ
-from av_fusion.methods import TRACKERS
+from av_fusion.plain_tracker import PlainTracker
 from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
-from av_fusion.tracker_protocol import Tracker
 from av_fusion.tracks.settings import FilterSettings
 
+# What makes a tracker takes the parameters of fusion_node and the gimbal or None.
+TRACKERS = Methods('av_rig.trackers', {
+    'bayes': 'av_fusion.settings:own_tracker',
+    'gated': 'av_fusion.gated_tracker:GatedTracker',
+})
+Tracker = MultiTargetTracker | PlainTracker
 LEAST_DETECTION = 0.1  # at 0.05 the drone of each of 60 images is followed in 10, at 0.1 in all
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
@@ -25,11 +25,9 @@ from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.measurements import usable_doas
-from av_fusion.observer import FusionObserver
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.posterior import azimuth_posterior
-from av_fusion.settings import make_tracker
-from av_fusion.tracker_protocol import Tracker
+from av_fusion.settings import Tracker, make_tracker
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -60,6 +58,35 @@ class FusionOutput(NamedTuple):
     bearing: Bearing
     state: FusionState
     targets: TrackArray
+
+
+class FusionObserver(Protocol):
+    """Receives all measurements and tracks of a `FusionStage`."""
+
+    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """The measurements of one `DoaArray`, most confident first, whether or not they are used.
+
+        Parameters:
+            measurements: measurements in the body frame.
+            arrival (s): time of arrival of the message.
+        """
+
+    def on_camera(self, measurement: CameraMeasurement, message: Detection2DArray, arrival: float) -> None:
+        """The measurement of one `Detection2DArray`.
+
+        Parameters:
+            measurement: measurement in the body frame.
+            message: the message.
+            arrival (s): time of its arrival.
+        """
+
+    def on_track(self, track: Track, time: float) -> None:
+        """The track at `time`, from which an output is made.
+
+        Parameters:
+            track: the estimate.
+            time (s): time of the output.
+        """
 
 
 class FusionStage:

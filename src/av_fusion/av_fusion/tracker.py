@@ -98,7 +98,7 @@ class MultiTargetTracker:
         return self._calibration.array
 
     def reset(self) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         self.filter.reset()
         self._calibration.reset()
         self.machine.restart()
@@ -110,14 +110,14 @@ class MultiTargetTracker:
         self._mirror_axis = None
 
     def add_pose(self, pose: Pose) -> None:
-        """See `Tracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
+        """See `PlainTracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
         jump = self.motion.add(pose)
         if jump is not None:
             self.filter.turn_world(jump)
             self._calibration.turn_world(jump)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         if not measurements:
             return
         time = measurements[0].time - self.settings.sound_delay
@@ -130,12 +130,8 @@ class MultiTargetTracker:
         followed = self._followed()
         self.machine.on_doa(time, heard[0].confidence, followed is not None and followed.heard >= time)
 
-    def add_doa(self, measurement: DoaMeasurement) -> None:
-        """Use the only direction of arrival of a window."""
-        self.add_doas([measurement])
-
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
         self._view = View(math.atan2(measurement.view[1][0], measurement.view[0][0]), measurement.half_view,
@@ -151,12 +147,12 @@ class MultiTargetTracker:
             self.looks.on_image(time, measurement, self.motion, score >= self.machine.tau)
 
     def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         for track in self.filter.tracks:
             track.mixture.weigh_by_cue(cue, variance, wrong)
 
     def estimate(self, time: float) -> Track:
-        """See `Tracker`: the followed target. The filter itself is not moved."""
+        """See `PlainTracker`: the followed target. The filter itself is not moved."""
         silent = abs(time - self.filter.newest) >= MAX_GAP_S
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
         found = [target for track in tracks.values() if (target := self._target(time, track)) is not None]
@@ -193,33 +189,33 @@ class MultiTargetTracker:
                      visibility=self._view.visibility)
 
     def targets(self, track: Track) -> Targets:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         return self._targets
 
     def densities(self) -> list[FilterTrack]:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         return list(self.filter.tracks)
 
     def select(self, identifier: int) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         if identifier and all(target.id != identifier for target in self._targets.targets):
             raise ValueError(f'target {identifier} is not tracked')
         self._selection.want(identifier)
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         self.machine.tau = tau
         self._confirm = confirm_threshold
 
     def forget_emitters(self) -> int:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         known = [track for track in self.filter.tracks if track.kind.is_fixed]
         for track in self.filter.tracks:
             track.kind.static_s = 0.0
         return len(known)
 
     def diagnostics(self) -> dict[str, str]:
-        """See `Tracker`."""
+        """See `PlainTracker`."""
         found = {**self.machine.diagnostics(), 'targets': str(len(self._targets.targets))}
         for track in self.filter.tracks:
             primary = track.mixture.primary()

@@ -75,7 +75,7 @@ def test_the_track_stays_when_a_bystander_takes_over(bystander):
     _, tracks, truths = run(tracker, sensors, lambda t: DRONE, lambda t: 0.4 * math.sin(t), 6.0)
     assert abs(errors_deg(tracks, truths, -1)[0]) < 5.0
     for step in range(20):
-        tracker.add_doa(sensors.doa(106.0 + 0.1 * step, bystander)._replace(drone_probability=0.01))
+        tracker.add_doas([sensors.doa(106.0 + 0.1 * step, bystander)._replace(drone_probability=0.01)])
         track = tracker.estimate(106.0 + 0.1 * step)
         if track.source != Source.NOTHING:
             assert abs(wrap(track.azimuth - truths[-1])) < math.radians(10.0)

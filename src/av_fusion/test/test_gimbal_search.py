@@ -48,7 +48,7 @@ class Rig:
 
     def _hear(self, body):
         cosine = float(np.clip(body[1] + 0.02 * self.random.standard_normal(), -1.0, 1.0))
-        self.tracker.add_doa(DoaMeasurement.of_cone(self.time - 0.25, Cone((0.0, 1.0, 0.0), cosine, 4e-4), 0.95))
+        self.tracker.add_doas([DoaMeasurement.of_cone(self.time - 0.25, Cone((0.0, 1.0, 0.0), cosine, 4e-4), 0.95)])
 
     def _see(self, body):
         camera = gimbal_to_body(self.gimbal or GIMBAL, self.pan, self.tilt)

@@ -92,7 +92,7 @@ def test_a_drone_at_end_fire_that_is_masked_for_long_is_a_few_components():
         time, masked = 100.0 + 0.1 * k, k >= 20
         sound = DoaMeasurement.of_cone(time, Cone((0.0, 1.0, 0.0), 0.2 if masked else 0.97, 0.001), 0.9)
         tracker.add_pose(Pose(time, (1.0, 0.0, 0.0, 0.0)))
-        tracker.add_doa(sound._replace(drone_probability=0.02 if masked else 0.98))
+        tracker.add_doas([sound._replace(drone_probability=0.02 if masked else 0.98)])
         tracker.estimate(time)
         assert sum(len(track.mixture.components) for track in tracker.filter.tracks) < 50
 

@@ -37,7 +37,7 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
             if random.random() < wrong_share:
                 camera = camera._replace(detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
             tracker.add_camera(camera)
-        tracker.add_doa(biased_measurement(t, truth, math.radians(offset_deg), scale, random))
+        tracker.add_doas([biased_measurement(t, truth, math.radians(offset_deg), scale, random)])
         track = tracker.estimate(t)
         if t > 122.0:
             errors.append(math.degrees(wrap(track.azimuth - truth)))
@@ -123,7 +123,7 @@ def test_a_misaligned_camera_has_little_effect():
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
         tracker.add_camera(sensors.camera(t, truth * 1.05))
-        tracker.add_doa(sensors.doa(t, truth))
+        tracker.add_doas([sensors.doa(t, truth)])
     angle = math.radians(30.0)  # from the axis
     moved = math.acos(self_calibration.correct(math.cos(angle), angle)[0]) - angle
     assert self_calibration.compared > 100 and abs(math.degrees(moved)) < 4.0

@@ -39,7 +39,7 @@ def run(tracker, sensors, azimuth_world, yaw, seconds, doa=True, visibility=0.0,
         tracker.add_pose(Pose.level(t, float(wrap(heading))))
         body = float(wrap(azimuth_world(t - 100.0) - heading))
         if doa and step % 3 == 0:
-            tracker.add_doa(sensors.doa(t, body))
+            tracker.add_doas([sensors.doa(t, body)])
         if step % 4 == 0:
             tracker.add_camera(sensors.camera(t, body, visibility))
         times.append(t - 100.0)
@@ -126,10 +126,10 @@ def test_late_measurements_count_at_their_own_time():
     for step in range(400):
         t = 100.0 + step / 20.0
         measurement = sensors.doa(t, float(wrap(rate * (t - 100.0))))
-        prompt.add_doa(measurement)
+        prompt.add_doas([measurement])
         pending.append(measurement)
         if len(pending) > 8:
-            late.add_doa(pending.pop(0))
+            late.add_doas([pending.pop(0)])
         for tracker in (prompt, late):
             tracker.add_camera(sensors.camera(t, 3.0, 0.0))
     truth = rate * 400 / 20.0
@@ -145,7 +145,7 @@ def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     assert later.state == State.COASTING and later.azimuth_variance > soon.azimuth_variance
     assert end.state == State.NONE and math.isnan(end.azimuth)
     for k in range(20):
-        tracker.add_doa(sensors.doa(130.0 + 0.05 * k, 0.3))
+        tracker.add_doas([sensors.doa(130.0 + 0.05 * k, 0.3)])
     assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
 
 
@@ -169,7 +169,7 @@ def test_images_in_fog_never_flip_a_correct_hemisphere(seed):
     path = lambda t: 0.3 + 0.2 * math.sin(0.4 * t)  # noqa: E731
     for step in range(30 * 10):
         t = 102.0 + step / 10.0
-        tracker.add_doa(sensors.doa(t, path(t)))
+        tracker.add_doas([sensors.doa(t, path(t))])
         tracker.add_camera(sensors.camera(t, 3.0, 0.02))
         track = tracker.estimate(t)
         assert track.front_probability > 0.95 and track.resolved
@@ -183,7 +183,7 @@ def test_a_second_drone_does_not_break_the_track(seed):
     errors = []
     for step in range(8 * 20):
         t = step / 20.0
-        tracker.add_doa(sensors.doa(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
+        tracker.add_doas([sensors.doa(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t))])
         looks = [sensors.camera(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
         tracker.add_camera(looks[0]._replace(detections=tuple(d for camera in looks for d in camera.detections)))
         track = tracker.estimate(100.0 + t)
@@ -206,7 +206,7 @@ def test_order_of_arrival_hardly_matters():
         in_order, as_arrived = MultiTargetTracker(), MultiTargetTracker()
         for tracker, key in ((in_order, lambda m: m[1].time), (as_arrived, lambda m: m[0])):
             for _, message in sorted(messages, key=key):
-                (tracker.add_doa if isinstance(message, DoaMeasurement) else tracker.add_camera)(message)
+                tracker.add_doas([message]) if isinstance(message, DoaMeasurement) else tracker.add_camera(message)
         one, other = in_order.estimate(106.3), as_arrived.estimate(106.3)
         assert abs(one.azimuth - other.azimuth) < 0.3 * math.sqrt(one.azimuth_variance)
         assert 0.4 < other.azimuth_variance / one.azimuth_variance < 2.5
@@ -220,7 +220,7 @@ def test_persistent_reflections_do_not_take_over_a_detected_target(seed):
         t = 100.0 + step / 20.0
         if step % 80 < 40:
             tracker.add_camera(sensors.camera(t, -0.2))
-        tracker.add_doa(sensors.doa(t - 0.25, math.radians(60.0)))
+        tracker.add_doas([sensors.doa(t - 0.25, math.radians(60.0))])
         track = tracker.estimate(t)
         if t > 110.0 and 10 < step % 80 < 45:
             tracked.append(track.state == State.VISUAL_ACTIVE and abs(track.azimuth + 0.2) < math.radians(5.0))
@@ -239,7 +239,7 @@ def test_steady_motion_continues_past_end_fire(seed, rate):
         t = step / 20.0
         body = float(wrap(math.radians(rate * t)))
         tracker.add_camera(sensors.camera(100.0 + t, body))
-        tracker.add_doa(sensors.doa(100.0 + t, body))
+        tracker.add_doas([sensors.doa(100.0 + t, body)])
         track = tracker.estimate(100.0 + t)
         errors.append(abs(math.degrees(wrap(track.azimuth - body))))
         resolved.append(track.resolved)
@@ -264,7 +264,7 @@ def test_without_detections_either_side_of_end_fire_stays_open():
     tracker, sensors = MultiTargetTracker(), SimulatedSensors(1)
     for step in range(24 * 20):
         t = step / 20.0
-        tracker.add_doa(sensors.doa(100.0 + t, math.radians(-20.0 + 9.0 * t)))
+        tracker.add_doas([sensors.doa(100.0 + t, math.radians(-20.0 + 9.0 * t))])
         track = tracker.estimate(100.0 + t)
         assert not track.resolved or abs(math.degrees(track.azimuth)) > 75.0
 
@@ -315,7 +315,7 @@ def test_other_thresholds_hold_from_now_on_and_the_track_stays(make):
             tracker.tune(0.7, 0.99)
         t = 100.0 + step / 20.0
         tracker.add_camera(CameraMeasurement(t, (Detection(0.2, 1e-4, 0.6),), visibility=1.0))
-        tracker.add_doa(sensors.doa(t, 0.2))
+        tracker.add_doas([sensors.doa(t, 0.2)])
         states.append(tracker.estimate(t).state)
     assert set(states[40:60]) == {State.VISUAL_ACTIVE} and set(states[62:]) == {State.ACOUSTIC_ACTIVE}
 
@@ -332,7 +332,7 @@ def test_a_higher_threshold_of_confirmation_holds_for_tracks_that_there_are():
                 assert tracker.filter.tracks
                 tracker.tune(0.5, threshold)
             tracker.add_pose(Pose.level(t, yaw))
-            tracker.add_doa(sensors.doa(t, float(wrap(0.4 - yaw))))
+            tracker.add_doas([sensors.doa(t, float(wrap(0.4 - yaw)))])
             resolved, step = tracker.estimate(t).resolved, step + 1
         began.append(step)
     assert began[0] < began[1]

@@ -70,7 +70,7 @@ def test_mixture_is_the_posterior(start_deg):
         truth = math.radians(start_deg) + math.radians(5.0) * t
         measurement = sensors.doa(100.0 + t, float(wrap(truth - yaw)))
         tracker.add_pose(Pose.level(100.0 + t, yaw))
-        tracker.add_doa(measurement)
+        tracker.add_doas([measurement])
         if step:
             histogram.predict()
         histogram.doa(yaw, measurement)

@@ -20,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
-from av_bags.errors import BagError
+from av_bags.definitions import BagError
 from av_bags.feed import BagRecord, Feed
 from av_bags.nodes.player_node_parameters import player_node as parameters
 from av_bags.reader import Bag

@@ -20,8 +20,7 @@ from av_evaluation.metrics.metrics import TAU
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
-from av_fusion.methods import TRACKERS
-from av_fusion.settings import make_tracker
+from av_fusion.settings import TRACKERS, make_tracker
 
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.

@@ -19,7 +19,7 @@ from av_common.stamps import to_seconds
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.tracks import TrackComparison
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.tracker_protocol import Tracker
+from av_fusion.settings import Tracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
 from av_pointing.stage import PointingStage

@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 from av_audio.stage import DoaStage, make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
-from av_bags.definitions import serialiser
-from av_bags.errors import BagError
+from av_bags.definitions import BagError, serialiser
 from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.reader import Bag
 from av_bags.topics import Found, absolute, find_topics
@@ -31,9 +30,8 @@ from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline, SensorF
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.settings import make_tracker
+from av_fusion.settings import Tracker, make_tracker
 from av_fusion.stage import CLOCK_TOLERANCE_S, FusionStage, make_fusion_stage
-from av_fusion.tracker_protocol import Tracker
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
 from av_vision.messages import image_from_message

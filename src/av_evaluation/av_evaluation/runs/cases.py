@@ -20,7 +20,7 @@ import av_vision
 from av_audio.localizer import LocalizerSettings
 from av_audio.methods import DOA_METHODS
 from av_evaluation.experiments.methods import code_of
-from av_fusion.methods import TRACKERS
+from av_fusion.settings import TRACKERS
 from av_simulator.config_files import find_config
 from av_vision.methods import DETECTORS
 from av_vision.models import shipped_model

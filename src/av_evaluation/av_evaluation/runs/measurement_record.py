@@ -11,7 +11,7 @@ from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.tracker_protocol import Tracker
+from av_fusion.settings import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 

@@ -28,8 +28,8 @@ from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
+from av_fusion.settings import Tracker
 from av_fusion.stage import FusionStage
-from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing, TrackArray
 from av_sim_bridge.messages import gimbal_message, odometry_message
 from av_sim_bridge.vehicle import VehicleState

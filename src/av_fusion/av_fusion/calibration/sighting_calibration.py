@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from operator import attrgetter
 from typing import NamedTuple
 
+from av_common.timeline import Timeline
 from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
 from av_fusion.measurement.measurements import Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
@@ -16,7 +15,6 @@ from av_fusion.tracks.filter import effective_sample_fraction
 AT_LIMIT = 'self-calibration at its limit'
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
 GAP_S, KEPT_S = 0.4, 3.0  # longest time between sightings that is interpolated, and age up to which they are kept
-_TIME = attrgetter('time')
 
 
 class Sighting(NamedTuple):
@@ -31,37 +29,6 @@ class Sighting(NamedTuple):
     time: float
     direction: Vector
     variance: float
-
-
-class SightingHistory:
-    """Interpolates sightings, so that a direction of arrival can be compared with the sighting at its capture time."""
-
-    def __init__(self) -> None:
-        self._sightings: list[Sighting] = []
-
-    def add(self, sighting: Sighting) -> None:
-        """Add a sighting; one that is out of order is ignored."""
-        if self._sightings and sighting.time <= self._sightings[-1].time:
-            return
-        del self._sightings[:bisect_right(self._sightings, sighting.time - KEPT_S, key=_TIME)]
-        self._sightings.append(sighting)
-
-    def at(self, time: float) -> Sighting | None:
-        """The direction at `time`, interpolated; None outside the history and in gaps."""
-        after = bisect_left(self._sightings, time, key=_TIME)
-        if after in (0, len(self._sightings)):
-            return None
-        earlier, later = self._sightings[after - 1:after + 1]
-        if later.time - earlier.time > GAP_S:
-            return None
-        share = (time - earlier.time) / (later.time - earlier.time)
-        mean = combined(1.0 - share, earlier.direction, share, later.direction)
-        length = max(math.sqrt(dot(mean, mean)), 1e-9)
-        return Sighting(time, combined(1.0 / length, mean, 0.0, mean), later.variance)
-
-    def turn_world(self, rows: Rows) -> None:
-        """Turn all sightings with the world, where the rig's attitude was corrected."""
-        self._sightings = [s._replace(direction=turned(rows, s.direction)) for s in self._sightings]
 
 
 class SightingCalibration:
@@ -83,17 +50,31 @@ class SightingCalibration:
 
     def reset(self) -> None:
         """Discard the sightings, but keep what is known of the array."""
-        self._sightings = SightingHistory()
+        self._sightings: Timeline[Sighting] = Timeline(KEPT_S)
 
     def turn_world(self, rows: Rows) -> None:
         """Turn the sightings with the world, where the rig's attitude was corrected."""
-        self._sightings.turn_world(rows)
+        self._sightings.change(lambda one: one._replace(direction=turned(rows, one.direction)))
 
     def see(self, time: float, best: Detection | None) -> None:
         """Note the best detection of an image captured at `time` (s), if it is certain enough."""
-        if self._enabled and best is not None and best.score >= LEAST_CONFIDENCE:
+        if not self._enabled or time <= self._sightings.newest:
+            return
+        if best is not None and best.score >= LEAST_CONFIDENCE:
             seen = turned(self._motion.attitude(time), direction(best.azimuth, best.elevation))
-            self._sightings.add(Sighting(time, seen, best.across_variance))
+            self._sightings.add(time, Sighting(time, seen, best.across_variance))
+
+    def _seen(self, time: float) -> Sighting | None:
+        """The direction of the target at `time` (s), interpolated; None outside of the sightings and in gaps."""
+        if not self._sightings.oldest < time <= self._sightings.newest:
+            return None
+        # A sighting of that very time counts by its predecessor, too: single ones may be wrong.
+        earlier, later, share = self._sightings.around(math.nextafter(time, 0.0))
+        if later.time - earlier.time > GAP_S:
+            return None
+        mean = combined(1.0 - share, earlier.direction, share, later.direction)
+        length = max(math.sqrt(dot(mean, mean)), 1e-9)
+        return Sighting(time, combined(1.0 / length, mean, 0.0, mean), later.variance)
 
     def correct(self, measurement: DoaMeasurement, time: float, newest: float) -> DoaMeasurement:
         """Compare a direction of arrival with the sighting of its time; returns it corrected.
@@ -103,7 +84,7 @@ class SightingCalibration:
             time (s): its capture time.
             newest (s): capture time of the newest direction before.
         """
-        sighting, cone = self._sightings.at(time), measurement.cone
+        sighting, cone = self._seen(time), measurement.cone
         if cone is not None and sighting is not None and measurement.confidence >= LEAST_CONFIDENCE:
             seen = turned_back(self._motion.attitude(time), sighting.direction)
             variance = cone.variance + self._floor**2 * cone.slope_squared

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar
 
@@ -71,16 +72,17 @@ class FusionNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to the sensors."""
-        self.create_subscription(DoaArray, 'doa', self._on_doa, STREAM)
-        for info, seen in self._sights.items():
-            self.create_subscription(Detection2DArray, seen, partial(self._on_detections, seen), STREAM)
-            self.create_subscription(CameraInfo, info, self._stage.on_camera_info, STREAM)
-        self.create_subscription(Visibility, 'visibility', self._stage.on_visibility, STREAM)
-        self.create_subscription(Odometry, 'odometry', self._on_odometry, STREAM)
-        self.create_subscription(GimbalState, GIMBAL, self._on_gimbal, STREAM)
-        self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
-        if self._settings.use_cues:
-            self.create_subscription(PointStamped, 'target/cue', self._on_cue, RESULT)
+        stage = self._stage
+        for info in self._sights:
+            self.create_subscription(CameraInfo, info, stage.on_camera_info, STREAM)
+        self.create_subscription(Visibility, 'visibility', stage.on_visibility, STREAM)
+        inputs: list[tuple[Any, str, Any, Any]] = [
+            (DoaArray, 'doa', stage.on_doa, STREAM), (Odometry, 'odometry', stage.on_odometry, STREAM),
+            (GimbalState, GIMBAL, stage.on_gimbal, STREAM), (PointingCommand, 'pointing/command', stage.on_command, RESULT)]
+        inputs += [(Detection2DArray, seen, partial(stage.on_detections, topic=seen), STREAM) for seen in self._sights.values()]
+        inputs += [(PointStamped, 'target/cue', stage.on_cue, RESULT)] if self._settings.use_cues else []
+        for kind, topic, take, quality in inputs:
+            self.create_subscription(kind, topic, partial(self._use, topic, take), quality)
         self.create_service(SelectTarget, '~/select', self._on_select)
         self.create_service(Trigger, '~/request_rotation', self._on_request_rotation)
         self.create_service(Trigger, '~/forget_emitters', self._on_forget_emitters)
@@ -99,26 +101,11 @@ class FusionNode(RigNode):
         """Use other thresholds; the tracks stay."""
         self._stage.tracker.tune(self.settings.tau, self.settings.confirm_threshold)
 
-    def _on_doa(self, message: DoaArray) -> None:
-        self._meters['doa'].tick()
-        self._publish(self._stage.on_doa(message, self.now()))
-
-    def _on_detections(self, topic: str, message: Detection2DArray) -> None:
-        self._meters[topic].tick()
-        self._publish(self._stage.on_detections(message, self.now(), topic))
-
-    def _on_odometry(self, message: Odometry) -> None:
-        self._meters['odometry'].tick()
-        self._stage.on_odometry(message, self.now())
-
-    def _on_gimbal(self, message: GimbalState) -> None:
-        self._publish(self._stage.on_gimbal(message, self.now()))
-
-    def _on_command(self, message: PointingCommand) -> None:
-        self._stage.on_command(message, self.now())
-
-    def _on_cue(self, message: PointStamped) -> None:
-        self._stage.on_cue(message, self.now())
+    def _use(self, topic: str, take: Callable[[Any, float], FusionOutput | None], message: Any) -> None:
+        """Use a message, and publish what follows from it at once."""
+        if topic in self._meters:
+            self._meters[topic].tick()
+        self._publish(take(message, self.now()))
 
     def _on_select(self, request: SelectTarget.Request, response: SelectTarget.Response) -> SelectTarget.Response:
         try:

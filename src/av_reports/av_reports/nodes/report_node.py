@@ -44,10 +44,12 @@ class ReportNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError for files."""
+        stage = self._stage
         for kind, topic, take, quality in (
-                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
-                (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
-                (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
+                (TrackArray, 'targets', lambda m: stage.on_targets(m, self._instant(), self._to_utc()), RESULT),
+                (Bearing, 'target/bearing', stage.on_bearing, RESULT), (FusionState, 'fusion/state', stage.on_state, RESULT),
+                (NavSatFix, 'fix', lambda m: stage.on_fix(m, self._instant()), STREAM),
+                (WorldTrackArray, 'tracks', lambda m: stage.on_network_tracks(m, self._instant(), self._to_utc()), RESULT)):
             self.create_subscription(kind, topic, take, quality)
         try:
             self._open_outputs()
@@ -80,15 +82,6 @@ class ReportNode(RigNode):
             self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
         if settings.log.folder:
             self._outputs['log'] = TrackLog(Path(settings.log.folder).expanduser())
-
-    def _on_targets(self, message: TrackArray) -> None:
-        self._stage.on_targets(message, self._instant(), self._to_utc())
-
-    def _on_network_tracks(self, message: WorldTrackArray) -> None:
-        self._stage.on_network_tracks(message, self._instant(), self._to_utc())
-
-    def _on_fix(self, message: NavSatFix) -> None:
-        self._stage.on_fix(message, self._instant())
 
     def _report(self) -> None:
         situation = self._stage.situation(self._instant(), self._to_utc())
