@@ -49,7 +49,6 @@ class Track(NamedTuple):
         sound_confidence, sight_confidence: confidence of the newest direction of arrival, score of the newest detection, 0..1.
         sound_weight, sight_weight: shares of the microphones and of the camera in the bearing, 0..1.
         visibility: visibility of the scene, 0..1; NaN where it is unknown.
-        missing: inputs without recent messages.
     """
 
     time: float
@@ -79,7 +78,6 @@ class Track(NamedTuple):
     sound_weight: float = 0.0
     sight_weight: float = 0.0
     visibility: float = math.nan
-    missing: tuple[str, ...] = ()
 
     @property
     def hemisphere_probability(self) -> float:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Vector, angles, dot, tangents, turned
-from av_fusion.tracks.likelihood import DirectionLikelihood, DoaLikelihood, WorldCone, WorldDirection
+from av_fusion.tracks.likelihood import DirectionLikelihood, WorldCone, WorldDirection
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 
@@ -30,7 +30,7 @@ class Hearing(NamedTuple):
         end_fire: axis in the world at whose vertical plane components are to be split first; None for none.
     """
 
-    likelihood: DoaLikelihood
+    likelihood: WorldCone | DirectionLikelihood
     births: Callable[[], list[BirthComponent]]
     confidence: float
     peak: float

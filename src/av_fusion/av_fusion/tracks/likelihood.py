@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,13 +124,6 @@ class Comparison(NamedTuple):
     direction: WorldDirection | None = None
 
 
-class DoaLikelihood(Protocol):
-    """A direction of arrival to compare with components."""
-
-    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
-        """Compare with a component, whose direction at the capture time is `past`."""
-
-
 class WorldCone(NamedTuple):
     """The cosine of the angle from an axis, whichever of the images is the source.
 
@@ -145,7 +138,7 @@ class WorldCone(NamedTuple):
     variance: float
 
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
-        """See `DoaLikelihood`."""
+        """Compare with a component, whose direction at the capture time is `past`."""
         deviation = self.deviation(past)
         return Comparison(component, past, (deviation,), _fits((deviation,)))
 
@@ -220,19 +213,18 @@ def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64],
     return means + past.deviations(row), np.maximum(square - means**2, 1e-12), row
 
 
-class DirectionLikelihood:
+class DirectionLikelihood(NamedTuple):
     """Alternative directions; each component is compared with the nearest one.
 
     Parameters:
         directions: the directions in the world.
     """
 
-    def __init__(self, directions: Sequence[WorldDirection]) -> None:
-        self._directions = directions
+    directions: Sequence[WorldDirection]
 
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
-        """See `DoaLikelihood`."""
-        alternatives = [(direction.deviations(past), direction) for direction in self._directions]
+        """See `WorldCone`."""
+        alternatives = [(direction.deviations(past), direction) for direction in self.directions]
         deviations, nearest = min(alternatives, key=lambda pair: nearness(pair[0]))
         return Comparison(component, past, deviations, _fits(deviations), nearest)
 
