@@ -2,10 +2,10 @@
 
 import pytest
 
-from av_evaluation.cli.soak import Limits, ProcessHistory, format_histories, lasting
+from av_evaluation.cli.soak import ProcessHistory, format_histories, lasting
 from av_evaluation.processes import ProcessSample
 
-LIMITS = Limits(settle=300.0, growth=5.0)
+LIMITS = 300.0, 5.0     # s, MiB
 END = 3600.0
 
 
@@ -36,8 +36,8 @@ def steady(time):
     (history(steady, begin=600.0), ['started after 600 s']),
 ])
 def test_what_does_not_stay_as_it_was_is_named(made, fault):
-    assert made.faults(LIMITS, END) == fault
-    assert (', '.join(fault) or 'holds') in format_histories([made], LIMITS, END)
+    assert made.faults(*LIMITS, END) == fault
+    assert (', '.join(fault) or 'holds') in format_histories([made], *LIMITS, END)
 
 
 def test_programs_of_a_moment_are_left_out():

@@ -37,19 +37,6 @@ ADDRESS = re.compile(r'the rig in your browser: http://([^/ ]+)/')
 DYING_S = 10.0      # processes that end this shortly before the rig has ended were ended by it
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What counts as steady.
-
-    Attributes:
-        settle (s): samples of this time after a process' first are left out.
-        growth (MiB): largest growth of the resident memory.
-    """
-
-    settle: float = 300.0
-    growth: float = 5.0
-
-
 @dataclass
 class ProcessHistory:
     """Samples of one process.
@@ -93,22 +80,23 @@ class ProcessHistory:
         least = [values[minutes == minute].min() for minute in np.unique(minutes)]
         return int(min(least)), int(max(least))
 
-    def faults(self, limits: Limits, end: float) -> list[str]:
+    def faults(self, settle: float, most_growth: float, end: float) -> list[str]:
         """What did not stay as it was; empty for a steady process.
 
         Parameters:
-            limits: what counts as steady.
+            settle (s): samples of this time after the first are left out.
+            most_growth (MiB): largest growth of the resident memory.
             end (s): of the run.
         """
         found = []
         if self.times[-1] < end - DYING_S:
             found.append(f'ended after {self.times[-1]:.0f} s')
-        if self.times[0] > limits.settle:
+        if self.times[0] > settle:
             found.append(f'started after {self.times[0]:.0f} s')
-        if (grown := self.growth(limits.settle)) > limits.growth:
+        if (grown := self.growth(settle)) > most_growth:
             found.append(f'grew by {grown:.1f} MiB')
         for quantity in ('threads', 'descriptors'):
-            low, high = self.span(quantity, limits.settle)
+            low, high = self.span(quantity, settle)
             if low != high:
                 found.append(f'{low} to {high} {quantity}')
         return found
@@ -174,20 +162,19 @@ def lasting(histories: Sequence[ProcessHistory]) -> list[ProcessHistory]:
                   key=lambda history: history.name)
 
 
-def format_histories(histories: Sequence[ProcessHistory], limits: Limits, end: float) -> str:
+def format_histories(histories: Sequence[ProcessHistory], settle: float, most_growth: float, end: float) -> str:
     """A table with a row for each process: resident memory after settling, growth, threads, descriptors and verdict.
 
     Parameters:
         histories: of the processes.
-        limits: what counts as steady.
-        end (s): of the run.
+        settle (s), most_growth (MiB), end (s): see `ProcessHistory.faults`.
     """
     lines = [f'{"process":<22}{"MiB":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict']
     for one in histories:
-        first = float(np.median(one.settled('resident', limits.settle)[1][:5]))
-        counts = [_range(*one.span(name, limits.settle)) for name in ('threads', 'descriptors')]
-        verdict = ', '.join(one.faults(limits, end)) or 'holds'
-        grown = one.growth(limits.settle)
+        first = float(np.median(one.settled('resident', settle)[1][:5]))
+        counts = [_range(*one.span(name, settle)) for name in ('threads', 'descriptors')]
+        verdict = ', '.join(one.faults(settle, most_growth, end)) or 'holds'
+        grown = one.growth(settle)
         lines.append(f'{one.name[:21]:<22}{first:10.1f}{grown:+9.2f}{counts[0]:>9}{counts[1]:>8}   {verdict}')
     return '\n'.join(lines)
 
@@ -250,12 +237,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(histories: Sequence[ProcessHistory], faults: Sequence[str], options: argparse.Namespace) -> int:
-    limits = Limits(min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth)
+    limits = min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth
     end = max([history.times[-1] for history in histories], default=0.0)
-    steady = bool(histories) and not any(history.faults(limits, end) for history in histories)
-    table = format_histories(histories, limits, end)
-    text = (f'{table}\n{end / 60.0:.1f} min, the first {limits.settle / 60.0:g} not counted, '
-            f'growth at most {limits.growth:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
+    steady = bool(histories) and not any(history.faults(*limits, end) for history in histories)
+    table = format_histories(histories, *limits, end)
+    text = (f'{table}\n{end / 60.0:.1f} min, the first {limits[0] / 60.0:g} not counted, '
+            f'growth at most {limits[1]:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
             f'{"; ".join(faults) or "no sound lost on the way to the bridge"}')
     print(text)
     if options.out:

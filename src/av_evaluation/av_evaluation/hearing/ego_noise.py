@@ -16,8 +16,9 @@ from av_evaluation.figures import Figure
 from av_evaluation.hearing.free_field import WINDOW_S
 from av_evaluation.hearing.peers import PEERS, Srp, azimuths
 from av_evaluation.hearing.reach import ARRAYS
-from av_evaluation.hearing.signals import RATE, Source, delayed, scaled
+from av_evaluation.hearing.signals import RATE, Source, scaled
 from av_evaluation.hearing.trials import C, Locate, Trials, Window, compare, ours, share
+from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.rotor import RotorSignal
 
 RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
@@ -45,7 +46,8 @@ class Rig:
     def __init__(self, array: MicrophoneArray, seed: int) -> None:
         self.array, recorded = array, round(RECORDING_S * RATE)
         speeds_hz = np.random.default_rng(seed).uniform(75.0, 110.0, len(ROTORS))
-        sound = np.sum([_heard(array, place, speeds_hz[k], [seed, k]) for k, place in enumerate(ROTORS)], axis=0)
+        rotors = EgoRotors(RotorSignal(speeds_hz.tolist(), BLADES, jitter=JITTER), ROTORS.tolist(), array.positions.tolist())
+        sound = rotors.stream(RATE, array.channels, C, [seed]).read(0, recorded + round(LATER_S * RATE)).T
         sound = (0.1 * sound / sound.std()).astype(np.float32)
         self.recording, self._later = NoiseRecording(sound[:recorded], RATE), sound[recorded:]
 
@@ -53,21 +55,6 @@ class Rig:
         """Other sound (n, m) of its rotors, of `count` samples."""
         start = int(rng.integers(len(self._later) - count))
         return self._later[start:start + count]
-
-
-def _heard(array: MicrophoneArray, place: NDArray, speed_hz: float, key: list[int]) -> NDArray:
-    """Spherical waves (n, m) of a rotor, with the delay of each microphone.
-
-    Parameters:
-        array: the microphones.
-        place (3,) (m): of the rotor.
-        speed_hz (Hz): revolutions per second.
-        key: seed.
-    """
-    rotor, count = RotorSignal(rotor_hz=[speed_hz], blades=BLADES, jitter=JITTER), round((RECORDING_S + LATER_S) * RATE)
-    emitted = rotor.stream(RATE, key, lambda times: np.zeros((len(times), 3))).read(0, count)
-    ranges = np.linalg.norm(array.positions - place, axis=1)
-    return delayed(np.fft.rfft(emitted), np.fft.rfftfreq(count, 1.0 / RATE), ranges / C, count, count) / ranges
 
 
 def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:

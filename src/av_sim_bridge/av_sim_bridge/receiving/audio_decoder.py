@@ -35,9 +35,8 @@ class AudioBlock:
 
 @dataclass
 class AudioCounts:
-    """Numbers of datagrams received, lost and out of order, of frames lost, and of restarts of the stream."""
+    """Numbers of datagrams lost and out of order, of frames lost, and of restarts of the stream."""
 
-    received: int = 0
     lost: int = 0
     lost_frames: int = 0
     reordered: int = 0
@@ -72,9 +71,7 @@ class AudioDecoder:
         header = decode_header(self.layout, datagram)
         kind = _BareStream if header is None else _NumberedStream
         stream = self._stream if isinstance(self._stream, kind) else self._change(kind, arrival)
-        blocks = stream.decode(header, datagram, arrival, time)
-        self.counts.received += 1
-        return blocks
+        return stream.decode(header, datagram, arrival, time)
 
     def restart(self) -> None:
         """End the stream. The next datagram starts a new stream that continues the numbers of the samples."""

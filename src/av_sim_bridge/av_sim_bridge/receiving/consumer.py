@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Item = TypeVar('Item')
+MOST_WAITING = 2    # items
 PAUSE_S = 0.1    # after an unexpected error, so that one that persists does not occupy the processor
 
 
@@ -59,13 +60,12 @@ class Consumer(Worker, Generic[Item]):
     Parameters:
         name: name of the thread.
         work: function that is called with each item, on the thread.
-        depth: maximum number of waiting items.
     """
 
-    def __init__(self, name: str, work: Callable[[Item], None], depth: int = 2):
+    def __init__(self, name: str, work: Callable[[Item], None]):
         self.dropped = 0
         self._work = work
-        self._items: queue.Queue[Item | None] = queue.Queue(depth)
+        self._items: queue.Queue[Item | None] = queue.Queue(MOST_WAITING)
         super().__init__(name, self._take)
 
     def put(self, item: Item | None) -> None:

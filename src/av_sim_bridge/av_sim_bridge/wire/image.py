@@ -10,6 +10,7 @@ OLD_MAGIC = 1234567890  # RFlySim's
 NEW_MAGIC = 1234567893  # RFlySim's
 MOST_PAYLOAD = 60_000  # bytes, RFlySim's
 MOST_FRAGMENTS = 256  # of an image: 15 MB
+MOST_PARTIAL = 4  # incomplete images in memory
 _OLD = struct.Struct('<4i1d')   # magic, packet length with header, sequence, packet count, time
 _NEW = struct.Struct('<6i1d')   # magic, packet length with header, sequence, packet count, frame id, reserved, time
 
@@ -83,17 +84,13 @@ class ImageAssembler:
     """Assembles images from fragments. The number and the size of incomplete images in memory are bounded.
 
     Parameters:
-        most_partial: maximum number of incomplete images in memory.
         most_bytes (bytes): maximum size of an encoded image, and of all incomplete images together.
         incomplete: count of images that were discarded because a fragment was missing.
-        duplicates: count of repeated fragments.
         reordered: count of fragments that arrived out of order (harmless).
     """
 
-    most_partial: int = 4
     most_bytes: int = 4_000_000
     incomplete: int = 0
-    duplicates: int = 0
     reordered: int = 0
     _partial: OrderedDict = field(default_factory=OrderedDict)
     _finished: deque = field(default_factory=lambda: deque(maxlen=16))
@@ -101,14 +98,12 @@ class ImageAssembler:
     def add(self, fragment: Fragment) -> EncodedImage | None:
         """Add one fragment; returns the image if it is complete. Raises WireError for a contradiction."""
         key = (fragment.frame_id, fragment.time)
-        if key in self._finished:
-            self.duplicates += 1
+        if key in self._finished:    # repeated, or too late
             return None
         pieces = self._partial.setdefault(key, {})
         if pieces and next(iter(pieces.values())).count != fragment.count:
             raise WireError(f'image: {fragment.count} packets contradict the number in earlier packets of the same image')
         if fragment.sequence in pieces:
-            self.duplicates += 1
             return None
         self.reordered += fragment.sequence < max(pieces, default=-1)
         pieces[fragment.sequence] = fragment
@@ -116,7 +111,7 @@ class ImageAssembler:
             self._give_up([key])
             raise WireError(f'image: more than {self.most_bytes} bytes')
         if len(pieces) < fragment.count:
-            self._give_up(list(self._partial)[:-self.most_partial])
+            self._give_up(list(self._partial)[:-MOST_PARTIAL])
             while sum(map(_size, self._partial.values())) > self.most_bytes:
                 self._give_up([next(other for other in self._partial if other != key)])
             return None

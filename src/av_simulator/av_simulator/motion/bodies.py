@@ -57,15 +57,15 @@ class Level:
     """A body that is exactly on its path and level, whatever the wind."""
 
     def moving(self) -> Moving:
-        """The body in motion."""
-        return _Level()
+        """The body in motion, which has no state."""
+        return self
 
-
-class _Level:
     def start(self, path: Kinematics, air: NDArray) -> Kinematics:
+        """See Moving."""
         return path
 
     def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
+        """See Moving."""
         return path
 
 

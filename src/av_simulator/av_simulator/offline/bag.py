@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 
 from av_audio.messages import audio_frame
-from av_bags.topics import FRAMES, absolute
+from av_bags.topics import FRAMES, GIMBAL, KINDS, absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.frames import BASE_FRAME
 from av_common.rig_messages import static_transforms
@@ -20,12 +20,8 @@ from av_vision.messages import camera_info_message, image_message
 
 EPOCH = 1_700_000_000.0    # s, stamp of the scenario's start; it is constant, so that the same run gives the same bag
 WORLD_FRAME = 'map'
-_TOPICS = {
-    'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
-    'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
-    'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
-    'truth/target': 'nav_msgs/msg/Odometry', 'tf_static': 'tf2_msgs/msg/TFMessage',
-}
+_TOPICS = ('audio/frames', 'camera/image_raw', 'camera/camera_info', 'detections', 'odometry', 'truth/rig', 'truth/target',
+           FRAMES)
 
 
 class BagRecorder:
@@ -39,9 +35,8 @@ class BagRecorder:
     def __init__(self, folder: Path, world: World):
         self._rig, self._rate = world.rig, world.sample_rate
         self._writer = BagWriter(folder)
-        gimbal = {'gimbal/state': 'av_interfaces/msg/GimbalState'} if world.rig.gimbal else {}
-        for topic, kind in (_TOPICS | gimbal).items():
-            self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
+        for topic in (*_TOPICS, *((GIMBAL,) if world.rig.gimbal else ())):
+            self._writer.add_topic(absolute(topic), KINDS[topic][0], LATCHED if topic == FRAMES else DEFAULT_QOS)
         self._write('tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
 
     def write(self, step: Step) -> None:
