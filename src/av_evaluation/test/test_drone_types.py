@@ -11,7 +11,6 @@ from av_common.parameters import node_parameters
 from av_common.rig import load_rig
 from av_evaluation.experiments.measurement_simulation import blade_pass_of
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.settings import types_of
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_simulator.config_files import find_config
@@ -37,6 +36,6 @@ def test_a_track_has_the_type_of_the_drone_that_was_rendered(profile):
     run.run()
     targets = tracker.targets(tracker.estimate(run.world.time)).targets
     assert max(targets, key=lambda target: target.existence).kind == profile
-    heard = np.array([event.fundamental for event in run.rig.record.events if isinstance(event, DoaMeasurement)])
+    heard = np.array([doa.fundamental for event in run.rig.record.events if isinstance(event, list) for doa in event])
     known = heard[np.isfinite(heard)]
     assert np.mean(np.abs(np.log(known / blade_pass_of(scenario.targets[0]))) < 0.15) > 0.5

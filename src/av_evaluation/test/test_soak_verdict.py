@@ -10,7 +10,7 @@ END = 3600.0
 
 
 def history(resident, name='node', threads=lambda time: 9, begin=0.0, end=END):
-    made = ProcessHistory(name, 7)
+    made = ProcessHistory(name)
     time = begin
     while time <= end:
         made.add(time, ProcessSample(resident(time), threads(time), 30))

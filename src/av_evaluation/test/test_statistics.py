@@ -47,8 +47,8 @@ def test_blocks_keep_the_interval_honest_where_errors_are_alike():
     """Each error repeated ten times adds no information: the interval must not shrink."""
     values = np.random.default_rng(4).normal(0.0, 1.0, 100)
     once = rmse_interval(list(values[:, None]))
-    time = 0.1 * np.arange(1000)
-    again = rmse_interval(blocks_of(time, np.repeat(values, 10), 1.0))
+    time = 0.2 * np.arange(1000)
+    again = rmse_interval(blocks_of(time, np.repeat(values, 10)))
     single = rmse_interval(list(np.repeat(values, 10)[:, None]))
     width = [high - low for low, high in (once, again, single)]
     assert width[1] == pytest.approx(width[0], rel=0.15) and width[2] < 0.5 * width[0]

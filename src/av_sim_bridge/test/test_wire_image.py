@@ -22,7 +22,7 @@ def test_headers_follow_rflysim(rng):
 
 @pytest.mark.parametrize('frame_id', [None, 4])
 def test_fragments_in_any_order_make_the_image(rng, frame_id):
-    image = EncodedImage(1.25, rng.bytes(250_000), frame_id)
+    image = EncodedImage(1.25, rng.bytes(250_000))
     datagrams = image_datagrams(image.data, image.time, frame_id)
     assembler = ImageAssembler()
     assert assemble(assembler, [datagrams[n] for n in rng.permutation(len(datagrams))]) == [image]

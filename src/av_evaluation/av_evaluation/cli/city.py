@@ -14,6 +14,7 @@ import resource
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -28,20 +29,17 @@ RATE_HZ, OUTPUT_HZ, STEP_S = 4.0, 4.0, 0.05  # of reports and of tracks; of the 
 QUIET = bytes(serialize_message(RigReport(version=RigReport.VERSION)))  # a report without directions
 READY_S, GRACE_S = 60.0, 5.0  # for the processes to begin, and to end
 MOST_WAITING = 1000  # messages of one key, of which the oldest are lost then
+COUNTS = ('sent', 'sent bytes', 'received', 'received bytes')
 COVERED, LATE_S = 0.9, 0.5  # what is asked for: drones with a track, and age of 95 % of the reports
 
 
 class Traffic(NamedTuple):
-    """What one process did: its name, messages and bytes out and in, processor time (s), and delays (s) of reports."""
+    """What one process did: its name, counts of messages and bytes by COUNTS, processor time (s), and delays (s) of reports."""
 
     name: str
-    sent: int = 0
-    sent_bytes: int = 0
-    received: int = 0
-    received_bytes: int = 0
-    refused: int = 0
-    cpu: float = 0.0
-    delays: tuple[float, ...] = ()
+    counts: Counter[str]
+    cpu: float
+    delays: Sequence[float] = ()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,7 +108,7 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
     grid = _grid(options)
     world = World(grid, options.rigs, options.drones, options.seed)
     keys = [grid.report_key(f'rig{index + 1}', place) for index, place in enumerate(world.places)]
-    sent = size = 0
+    counts = Counter[str]()
     with _session(options) as session:
         ready.release()
         while not told.value and not stop.wait(STEP_S):
@@ -125,9 +123,9 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
             rig = number % options.rigs
             data = bytes(serialize_message(world.report(rig, due, begin))) if world.is_near(rig, due) else QUIET
             session.put(keys[rig], data)
-            sent, size = sent + 1, size + len(data)
+            counts.update({'sent': 1, 'sent bytes': len(data)})
         stop.wait(GRACE_S)
-    results.put(Traffic('rigs', sent, size, cpu=_cpu()))
+    results.put(Traffic('rigs', counts, _cpu()))
 
 
 def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiprocessing.synchronize.Event, results: Any) -> None:
@@ -135,8 +133,7 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
     from zenoh.handlers import RingChannel
     grid = _grid(options)
     cells = [Cell(place, grid) for place in all_cells(grid, share, options.processes)]
-    counts = dict.fromkeys(('sent', 'sent_bytes', 'received', 'received_bytes', 'refused'), 0)
-    delays: list[float] = []
+    counts, delays = Counter[str](), list[float]()
     to: dict[str, list[Cell]] = {}
     for cell in cells:
         for key in [*(f'{REPORTS}/{part}/*' for part in grid.parts(cell.place)),
@@ -154,43 +151,34 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
                 due = max(due + 1.0 / OUTPUT_HZ, time.time() - 1.0)
                 _publish(session, cells, counts)
             time.sleep(min(STEP_S, max(due - time.time(), 0.0)))
-    results.put(Traffic(f'cells {share + 1}', **counts, cpu=_cpu(), delays=tuple(delays)))
+    results.put(Traffic(f'cells {share + 1}', counts, _cpu(), delays))
 
 
-def _take(sample: Any, takers: Sequence[Cell], counts: dict[str, int], delays: list[float]) -> None:
+def _take(sample: Any, takers: Sequence[Cell], counts: Counter[str], delays: list[float]) -> None:
     """Count a message, and give its cells one that is more than a report without directions."""
-    data = sample.payload.to_bytes()
-    counts['received'], counts['received_bytes'] = counts['received'] + 1, counts['received_bytes'] + len(data)
-    if len(data) > len(QUIET):
-        stamp = _use(takers, str(sample.key_expr), data, counts)
-        if stamp is not None:
-            delays.append(time.time() - stamp)
-
-
-def _use(cells: Sequence[Cell], key: str, data: bytes, counts: dict[str, int]) -> float | None:
-    """Give cells a message; returns the stamp (s) of a report."""
+    data, key = sample.payload.to_bytes(), str(sample.key_expr)
+    counts.update({'received': 1, 'received bytes': len(data)})
     try:
         if key.startswith(TRACKS):
             tracks = deserialize_message(data, WorldTrackArray)
-            for cell in cells:
+            for cell in takers:
                 cell.on_tracks(tracks, time.time())
-            return None
-        message = deserialize_message(data, RigReport)
-        for cell in cells:
-            cell.on_report(key.rsplit('/', 1)[1], message, time.time())
-        return to_seconds(message.header.stamp)
+        elif len(data) > len(QUIET):
+            message = deserialize_message(data, RigReport)
+            for cell in takers:
+                cell.on_report(key.rsplit('/', 1)[1], message, time.time())
+            delays.append(time.time() - to_seconds(message.header.stamp))
     except Exception:  # noqa: BLE001 - whatever comes from outside
         counts['refused'] += 1
-        return None
 
 
-def _publish(session: Any, cells: Sequence[Cell], counts: dict[str, int]) -> None:
+def _publish(session: Any, cells: Sequence[Cell], counts: Counter[str]) -> None:
     for cell in cells:
         message = cell.output(time.time())
         if message.tracks:
             data = serialize_message(message)
             session.put(f'{TRACKS}/{cell.place[0]}/{cell.place[1]}', data)
-            counts['sent'], counts['sent_bytes'] = counts['sent'] + 1, counts['sent_bytes'] + len(data)
+            counts.update({'sent': 1, 'sent bytes': len(data)})
 
 
 def _router(options: argparse.Namespace) -> None:
@@ -233,14 +221,13 @@ def _report(options: argparse.Namespace, found: Sequence[Traffic], names: Names)
     print(f'{"":<10}{"out/s":>9}{"kB/s":>9}{"in/s":>9}{"kB/s":>9}{"refused":>9}{"core":>8}{"delay median, 95 %, most":>30}')
     late = 0.0
     for each in sorted(found, key=lambda each: each.name):
-        rates = [value / options.duration for value in (each.sent, each.sent_bytes / 1e3, each.received,
-                                                        each.received_bytes / 1e3)]
-        spread = ''
+        rates = [each.counts[name] / options.duration / (1e3 if name.endswith('bytes') else 1.0) for name in COUNTS]
+        refused, spread = each.counts['refused'], ''
         if each.delays:
             middle, most95, most = np.quantile(each.delays, [0.5, 0.95, 1.0])
             late, spread = max(late, most95), f'{1e3 * middle:.0f}, {1e3 * most95:.0f}, {1e3 * most:.0f} ms'
         print(f'{each.name:<10}' + ''.join(f'{rate:>9.1f}' for rate in rates)
-              + f'{each.refused:>9}{100.0 * each.cpu / options.duration:>6.0f} %{spread:>30}')
+              + f'{refused:>9}{100.0 * each.cpu / options.duration:>6.0f} %{spread:>30}')
     covered = names.found / max(names.looks, 1)
     print(f'drones with a track {100.0 * covered:.1f} %, with two {100.0 * names.twice / max(names.looks, 1):.1f} %; '
           f'{names.borders} borders crossed, {names.changes} names lost')

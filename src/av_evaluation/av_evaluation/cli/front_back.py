@@ -85,12 +85,10 @@ class Resolution:
     Parameters:
         time (s): from the first sample to the first resolved bearing; inf where there is none within DURATION_S.
         wrong: whether that bearing is wrong.
-        probability: of the hemisphere, by the tracker.
     """
 
     time: float
     wrong: bool
-    probability: float
 
 
 def draw_starts(count: int, seed: int = 1) -> list[Start]:
@@ -135,8 +133,8 @@ def resolve(start: Start, method: str, seen: bool = False) -> Resolution:
     for now, bearing in run.steps():
         if bearing is not None and bearing.resolved and (not seen or bearing.source & Bearing.SOURCE_SIGHT):
             truth = float(run.log.true_azimuth([now])[0])
-            return Resolution(now, is_wrong(bearing.azimuth, truth), bearing.hemisphere_probability)
-    return Resolution(math.inf, False, 0.5)
+            return Resolution(now, is_wrong(bearing.azimuth, truth))
+    return Resolution(math.inf, False)
 
 
 def turn(seed: int, turns: str, data: Path) -> Resolution:
@@ -148,7 +146,7 @@ def turn(seed: int, turns: str, data: Path) -> Resolution:
         data: folder of recordings and measured responses.
     """
     time, azimuth, truth = turned_until_resolved(seed, turns, data, EARS_S)
-    return Resolution(time, is_wrong(azimuth, truth), 0.5)
+    return Resolution(time, is_wrong(azimuth, truth))
 
 
 def is_wrong(azimuth: float, truth: float) -> bool:

@@ -43,13 +43,11 @@ class ProcessHistory:
 
     Attributes:
         name: of the node or program.
-        process_id: of the process.
         times (s): of the samples, since the start of the run.
         samples: as many.
     """
 
     name: str
-    process_id: int
     times: list[float] = field(default_factory=list)
     samples: list[ProcessSample] = field(default_factory=list)
 
@@ -151,7 +149,7 @@ def watch(rig: MarkedProcesses, seconds: float) -> list[ProcessHistory]:
         for process_id, name in rig.alive().items():
             taken = sample(process_id)
             if taken is not None:
-                histories.setdefault(process_id, ProcessHistory(name, process_id)).add(now, taken)
+                histories.setdefault(process_id, ProcessHistory(name)).add(now, taken)
         time.sleep(max(0.0, begun + now + EVERY_S - time.monotonic()))
     return lasting(list(histories.values()))
 

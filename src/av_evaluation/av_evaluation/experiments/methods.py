@@ -115,7 +115,7 @@ def track(method: str, record: MeasurementRecord, log: RunLog) -> Series:
     """
     if method == 'fused':
         return log.fused
-    if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
+    if not any(isinstance(event, list | CameraMeasurement) for event in record.events):
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
     if is_folded(method):
         record = record.with_directions(_resolved(_directions(method, record), log))

@@ -50,17 +50,14 @@ def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -mat
 
     Parameters:
         time (n, s): of the bearings.
-        azimuth (n, rad) or (2, n, rad): in the body frame. Of two hypotheses the one nearer to the truth counts; nan is none.
+        azimuth (n, rad): in the body frame.
         log: with the truth.
         acquired (s): earlier bearings are left out.
     """
-    hypotheses, truth = np.atleast_2d(azimuth), log.true_azimuth(time)
-    errors = wrap(np.nan_to_num(hypotheses) - truth)
-    errors[np.isnan(hypotheses)] = np.nan
-    chosen = np.argmin(np.abs(np.nan_to_num(errors, nan=np.inf)), axis=0) if time.size else np.zeros(0, int)
-    error = np.degrees(np.take_along_axis(errors, chosen[np.newaxis], axis=0)[0])
+    truth = log.true_azimuth(time)
+    error = np.degrees(wrap(azimuth - truth))
     counted = np.isfinite(error) & (time >= acquired)
-    opposite = np.cos(truth) * np.cos(hypotheses[0]) < 0.0 if len(hypotheses) == 1 else np.zeros(len(time), bool)
+    opposite = np.cos(truth) * np.cos(azimuth) < 0.0
     return Comparison(time[counted], error[counted], opposite[counted])
 
 
@@ -99,16 +96,15 @@ def coverage_of(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> floa
     return float(np.mean(age <= VALID_S))
 
 
-def time_to_resolve(log: RunLog, track: Series | None = None) -> float:
+def time_to_resolve(log: RunLog, track: Series) -> float:
     """Time (s) from the first measurement of sound, or bearing, to the first resolved bearing; nan where there is none.
 
     Resolved bearings that are wrong by more than 20 degrees do not count.
 
     Parameters:
         log: of the run.
-        track: bearings, like `RunLog.fused`; the log's own where None.
+        track: bearings, like `RunLog.fused`.
     """
-    track = log.fused if track is None else track
     time, resolved = track['time'], track['resolved'] > 0.0
     if not len(time):
         return math.nan

@@ -42,10 +42,6 @@ class Series:
         if self._file is not None and len(self._flat) >= 2 * ROWS_IN_MEMORY * len(self._names):
             self._move(self._file)
 
-    def extend(self, *columns: ArrayLike) -> None:
-        """Append rows, given as one array (n,) for each column."""
-        self._flat.frombytes(np.column_stack(columns).astype(np.float64).tobytes())
-
     def newest(self) -> Series:
         """A series of the rows in memory, which are the newest ROWS_IN_MEMORY at least, or all without a folder."""
         found = Series(*self._names)
@@ -156,9 +152,3 @@ class RunLog:
             return np.broadcast_to(attitudes.as_matrix()[0], (*time.shape, 3, 3))
         within = Slerp(times, attitudes)(np.clip(time, times[0], times[-1]).ravel())
         return within.as_matrix().reshape(*time.shape, 3, 3)
-
-    @property
-    def duration(self) -> float:
-        """Time (s) from the first to the last row of all series but the rig's."""
-        times = np.concatenate([series['time'] for series in (self.target, self.sound, self.sight, self.fused)])
-        return float(np.ptp(times)) if times.size else 0.0

@@ -20,17 +20,16 @@ def rmse(errors: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(errors)))) if np.size(errors) else math.nan
 
 
-def blocks_of(time: NDArray, values: NDArray, length_s: float = BLOCK_S) -> list[NDArray]:
-    """Cut a series into blocks for `rmse_interval`.
+def blocks_of(time: NDArray, values: NDArray) -> list[NDArray]:
+    """Cut a series into blocks of BLOCK_S for `rmse_interval`.
 
     Parameters:
         time (n, s): increasing.
         values (n,): at these times.
-        length_s (s): of a block.
     """
     if not len(time):
         return []
-    cuts = np.flatnonzero(np.diff(np.floor((time - time[0]) / length_s))) + 1
+    cuts = np.flatnonzero(np.diff(np.floor((time - time[0]) / BLOCK_S))) + 1
     return np.split(values, cuts)
 
 

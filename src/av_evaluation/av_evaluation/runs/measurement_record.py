@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -15,7 +15,8 @@ from av_fusion.settings import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
-Event = Pose | DoaMeasurement | CameraMeasurement | float
+Window = list[DoaMeasurement]  # its directions, possibly none
+Event = Pose | Window | CameraMeasurement | float
 
 
 @dataclass
@@ -24,7 +25,7 @@ class MeasurementRecord:
 
     Attributes:
         doa: directions of arrival by estimator; OWN_METHOD is the rig's own.
-        events: poses, the rig's own directions, camera measurements, and the times (s) at which the track was asked for.
+        events: poses, the rig's own windows, camera measurements, and the times (s) at which the track was asked for.
     """
 
     doa: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
@@ -33,13 +34,13 @@ class MeasurementRecord:
     def replay(self, tracker: Tracker) -> Series:
         """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
         series = RunLog().fused
-        for event in self._windows():
-            if isinstance(event, list):
-                tracker.add_doas(event)
-            elif isinstance(event, CameraMeasurement):
+        for event in self.events:
+            if isinstance(event, CameraMeasurement):
                 tracker.add_camera(event)
             elif isinstance(event, Pose):
                 tracker.add_pose(event)
+            elif isinstance(event, list):
+                tracker.add_doas(event)
             else:
                 track = tracker.estimate(event)
                 series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
@@ -51,26 +52,12 @@ class MeasurementRecord:
         waiting = sorted(usable_doas(directions), key=_end, reverse=True)
         events: list[Event] = []
         for event in self.events:
-            if isinstance(event, DoaMeasurement):
+            if isinstance(event, list):
                 continue
             while waiting and _end(waiting[-1]) <= (event if isinstance(event, float) else event.time):
-                events.append(waiting.pop())
+                events.append([waiting.pop()])
             events.append(event)
-        return MeasurementRecord(events=[*events, *reversed(waiting)])
-
-    def _windows(self) -> Iterator[Pose | list[DoaMeasurement] | CameraMeasurement | float]:
-        """The events, with the directions of one window together."""
-        window: list[DoaMeasurement] = []
-        for event in self.events:
-            if window and not (isinstance(event, DoaMeasurement) and event.time == window[0].time):
-                yield window
-                window = []
-            if isinstance(event, DoaMeasurement):
-                window.append(event)
-            else:
-                yield event
-        if window:
-            yield window
+        return MeasurementRecord(events=[*events, *([one] for one in reversed(waiting))])
 
 
 def _end(measurement: DoaMeasurement) -> float:
@@ -92,7 +79,7 @@ class _RecordingTracker:
         self._tracker.add_pose(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        self._events.extend(measurements)
+        self._events.append(list(measurements))
         self._tracker.add_doas(measurements)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:

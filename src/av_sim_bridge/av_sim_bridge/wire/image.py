@@ -41,12 +41,10 @@ class EncodedImage:
     Parameters:
         time (s): capture time on the sender's clock.
         data: content of the JPEG or PNG file.
-        frame_id: number of the image in RFlySim's new header, None in the old one.
     """
 
     time: float
     data: bytes
-    frame_id: int | None = None
 
 
 def encode_image(image: EncodedImage) -> list[bytes]:
@@ -118,8 +116,7 @@ class ImageAssembler:
         del self._partial[key]
         self._finished.append(key)
         self._give_up([older for older in self._partial if older[1] < fragment.time])
-        return EncodedImage(fragment.time, b''.join(pieces[n].payload for n in range(fragment.count)),
-                            fragment.frame_id)
+        return EncodedImage(fragment.time, b''.join(pieces[n].payload for n in range(fragment.count)))
 
     def _give_up(self, keys: list) -> None:
         for key in keys:

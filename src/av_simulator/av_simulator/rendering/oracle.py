@@ -75,16 +75,15 @@ def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[
         visible: gives the box (px) of its visible part, and the share (0 to 1) of that; None where it is hidden.
         thermal: whether the camera sees heat.
     """
-    distance = float(np.linalg.norm(drone.position - view.position))
     transmission = view.atmosphere.transmission(view.position, drone.position)
     seen = appearance(camera, view, drone)
     shown = None if seen is None else visible(seen)
     if seen is None or shown is None:
-        return TruthBox(drone.target_id, None, 0.0, transmission, distance), None
+        return TruthBox(drone.target_id, None, 0.0, transmission), None
     box, share = shown
     value = score(seen.width_px, transmission * contrast_left(view, transmission, thermal), share * seen.in_view)
     found = OracleBox(drone.target_id, value, *box) if value > 0.0 else None
-    return TruthBox(drone.target_id, box, share, transmission, distance), found
+    return TruthBox(drone.target_id, box, share, transmission), found
 
 
 class Solids:

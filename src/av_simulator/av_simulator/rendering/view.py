@@ -82,14 +82,12 @@ class TruthBox:
         box (px): min_x, min_y, max_x, max_y of the visible pixels, None without visible pixels.
         visible_fraction (0 to 1): number of visible pixels over that without occlusion.
         transmission (0 to 1): transmission of the air between camera and target.
-        distance (m): distance from the camera.
     """
 
     target_id: int
     box: Box | None
     visible_fraction: float
     transmission: float
-    distance: float
 
 
 @dataclass(frozen=True)

@@ -56,11 +56,6 @@ class SoundWorld:
         self._next = 0
         self._source_power = self._power_of_reference()
 
-    @property
-    def next_sample(self) -> int:
-        """Index of the first sample of the next call of `render`."""
-        return self._next
-
     def skip(self, n: int) -> None:
         """Leave out the next `n` samples. What follows is as if they had been rendered, but for 20 ms and for reverberation."""
         self._next += n
