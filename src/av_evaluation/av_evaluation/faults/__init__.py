@@ -1,1 +1,1 @@
-"""A rig by formulas whose description is wrong: is it told, when, and by what name?"""
+"""A rig whose description is wrong: is it told, when, and by what name?"""
