@@ -102,21 +102,16 @@ class DetectionStage:
     Parameters:
         detector: the detector and its state over images.
         visibility: estimates visibility; None for no estimates.
-        camera: intrinsics; None until `on_camera_info`.
-        rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
-            raise ValueError.
         kind: of the camera: visible, thermal, or black_hot, whose images are inverted first, as detectors know heat bright.
     """
 
-    def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None,
-                 camera: PinholeCamera | None = None,
-                 rotation_of: RotationOf = lambda frame, time: None, kind: str = 'visible') -> None:
+    def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None, kind: str = 'visible') -> None:
         self.detector, self._black_hot = detector, kind == 'black_hot'
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
         self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
-        self._camera, self._rotation_of, self._told = camera, rotation_of, False
+        self.mount(lambda frame, time: None)
         self._attitudes = AttitudeHistory()
         self._bearing = (-math.inf, Bearing())  # when it was measured
 
@@ -150,14 +145,15 @@ class DetectionStage:
         """Use the rig's attitude, so that its rotation breaks no track. Raises ValueError for an impossible one."""
         self._attitudes.add(to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation))
 
-    def mount(self, camera: PinholeCamera, rotation_of: RotationOf) -> None:
-        """Use a camera of which no CameraInfo tells; images may be of another size.
+    def mount(self, rotation_of: RotationOf, camera: PinholeCamera | None = None) -> None:
+        """How the camera is mounted, and which it is where no CameraInfo tells; images may be of another size then.
 
         Parameters:
-            camera: intrinsics.
-            rotation_of: see the class.
+            rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known;
+                may raise ValueError.
+            camera: intrinsics; None until `on_camera_info`.
         """
-        self._camera, self._rotation_of, self._told = camera, rotation_of, False
+        self._rotation_of, self._camera, self._told = rotation_of, camera, False
 
     def on_bearing(self, message: Bearing) -> None:
         """Look for the target where the fusion has it. Raises ValueError for a bearing that is none."""
@@ -233,14 +229,11 @@ def cue_of_bearing(message: Bearing, pose: CameraPose) -> BearingCue | None:
     return BearingCue(pixel, sigma * (pose.camera.fx, pose.camera.fy))
 
 
-def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
-                         rotation_of: RotationOf = lambda frame, time: None) -> DetectionStage:
+def make_detection_stage(parameters: Any) -> DetectionStage:
     """A stage with the settings of detector_node. Raises ModelError or ValueError.
 
     Parameters:
         parameters: generated struct of detector_node, from the node or from `av_common.parameters.node_parameters`.
-        camera: intrinsics; None until a CameraInfo arrives.
-        rotation_of: see `DetectionStage`.
     """
     p = parameters
     detector = make_detector(p)
@@ -249,7 +242,7 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
     visibility = None if p.camera_kind != 'visible' else VisibilityReporter(p.visibility_distance, p.camera_height)
-    return DetectionStage(temporal, visibility, camera, rotation_of, p.camera_kind)
+    return DetectionStage(temporal, visibility, p.camera_kind)
 
 
 def make_detector(parameters: Any) -> Detector:

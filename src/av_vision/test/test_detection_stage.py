@@ -49,7 +49,9 @@ def foggy_field(extinction):
 
 
 def make(model, camera=None, **parameters):
-    return make_detection_stage(node_parameters('av_vision', 'detector_node', overrides={'model': model, **parameters}), camera)
+    stage = make_detection_stage(node_parameters('av_vision', 'detector_node', overrides={'model': model, **parameters}))
+    stage.mount(lambda frame, time: None, camera)
+    return stage
 
 
 def test_detections_carry_the_header_and_their_tracks(model):
@@ -147,7 +149,7 @@ def bearing_to(azimuth, **fields):
 def test_the_bearing_selects_the_regions_and_a_wrong_one_is_refused(monkeypatch):
     camera = PinholeCamera.from_fov(640, 512, 1.2)
     stage = make('', camera, regions=1)
-    stage.mount(camera, lambda frame, time: FLU_TO_OPTICAL.T)
+    stage.mount(lambda frame, time: FLU_TO_OPTICAL.T, camera)
     planned, plan = [], stage.detector.planner.plan
     monkeypatch.setattr(stage.detector.planner, 'plan', lambda *given: planned.append(plan(*given)) or [])
     monkeypatch.setattr(stage.detector.detector, 'candidates',

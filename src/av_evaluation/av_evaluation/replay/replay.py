@@ -237,8 +237,9 @@ class Replay:
             return None
         model = self._settings.model if self._settings.model != 'shipped' else ''
         given = {'model': model, 'camera_kind': rig.camera.images, 'keep_classes': list(self._settings.classes)}
-        return make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}),
-                                    camera, self._frames.rotation)
+        stage = make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}))
+        stage.mount(self._frames.rotation, camera)
+        return stage
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
         files: list[str | Path] = [find_config('rig_params'), *self._settings.parameters]

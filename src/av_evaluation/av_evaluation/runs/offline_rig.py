@@ -75,7 +75,7 @@ class OfflineRig:
                        else gimbal_rotations(rotations, {'camera': camera_rotation}, history))
         self._converter = MeasurementConverter(rotation_of, camera=camera)
         if detection is not None:
-            detection.mount(camera, rotation_of)
+            detection.mount(rotation_of, camera)
         recorder = RunRecorder(self.record)
         self.fusion = FusionStage(recording(tracker, self.record), self._converter, observer=recorder,
                                   gimbal=history)

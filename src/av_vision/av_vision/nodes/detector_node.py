@@ -77,7 +77,8 @@ class DetectorNode(RigNode):
     def configure(self) -> None:
         """Open the model."""
         self._rotations = TfRotations(self)
-        self._stage = make_detection_stage(self.settings, rotation_of=self._rotations.rotation)
+        self._stage = make_detection_stage(self.settings)
+        self._stage.mount(self._rotations.rotation)
         used, wanted = self._stage.detector.detector.model.provider, self.settings.providers[0]
         if used and used != wanted:
             self.get_logger().warning(f'{wanted} is not to be had here: the detector runs on {used}')
