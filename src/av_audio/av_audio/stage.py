@@ -11,6 +11,7 @@ from std_msgs.msg import Float32MultiArray
 
 from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
 from av_audio.drone_model import DroneModel
+from av_audio.ego_learning import EgoLearning
 from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import SAMPLE_RATES
 from av_audio.health import ChannelFault, ChannelHealth
@@ -44,7 +45,7 @@ class DoaStage:
                  ego_noise: NoiseRecording | None = None, rotor_blades: int = 0, drone_model: DroneModel | None = None) -> None:
         self._array = array
         self._settings = settings or LocalizerSettings()
-        self._ego_noise = ego_noise
+        self.ego_noise = EgoLearning(ego_noise)
         self._rotor_blades = rotor_blades
         self._blade_pass_hz = np.zeros(0)
         self._drone_model = drone_model
@@ -96,6 +97,8 @@ class DoaStage:
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
+        if self.ego_noise.is_learning:
+            self.ego_noise.begin()
         if self._health is not None:
             self._health.clear()
 
@@ -157,6 +160,8 @@ class DoaStage:
         self.without_phases += localizer.without_phases - without
         self.restarts += restarts
         self._listen(samples, restarts > 0)
+        if self.ego_noise.add(samples, frame.sample_rate, restarts > 0):
+            self._localizer = None
         return estimates if self.used == self._usable else [distrusted(one) for one in estimates]
 
     def _prepare(self, rate: int) -> Localizer:
@@ -176,7 +181,7 @@ class DoaStage:
             self._part, self.used = self._array.part(usable), usable
         except ValueError:
             self._part, self.used = self._array, list(range(self._array.channels))
-        ego_noise, self._classifier = self._ego_noise, None
+        ego_noise, self._classifier = self.ego_noise.known, None
         if ego_noise is not None and self._part is not self._array:
             ego_noise = ego_noise._replace(samples=ego_noise.samples[:, usable])
         localizer = Localizer(self._part, rate, self._settings, ego_noise)

@@ -43,6 +43,7 @@ class FlyingRig:
         self.blade_pass_hz = rng.uniform(120.0, 210.0) * (1.0 + 0.04 * rng.normal(size=4))
         self.levels = rng.uniform(0.4, 1.0, (4, 120)) * np.arange(1, 121) ** -rng.uniform(0.8, 1.3)
         self.hiss = rng.uniform(0.3, 1.0, 4)
+        self.gains = np.ones(4)
 
     def alone(self, rng, seconds, throttle=1.0):
         """Its sound (n, m), of unit power in the band at full throttle; and the blade-pass frequencies (n, 4) in Hz."""
@@ -58,7 +59,8 @@ class FlyingRig:
             comb = sum(self.levels[rotor, k - 1] * np.cos(k * turns + rng.uniform(0.0, 6.28)) for k in orders)
             air = coloured(rng, (count, 1), 1.0, 1500.0)[:, 0]
             distances = np.linalg.norm(self.array.positions - place, axis=1)
-            sound += propagated(comb / comb.std() + self.hiss[rotor] * air / air.std(), distances / C) / distances
+            emitted = self.gains[rotor] * (comb / comb.std() + self.hiss[rotor] * air / air.std())
+            sound += propagated(emitted, distances / C) / distances
         return throttle**2.75 * sound / np.sqrt(band_power(sound[:, 0])), speeds
 
     def hears(self, rng, source, azimuth, level_db, seconds=0.5, throttle=1.0):

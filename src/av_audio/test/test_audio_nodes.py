@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float32MultiArray, Header
+from std_srvs.srv import Trigger
 
 from av_audio.device_process import load_sounddevice
 from av_audio.nodes.audio_node import AudioNode
@@ -255,6 +256,22 @@ def test_a_recording_of_the_rig_alone_that_does_not_fit_is_reported(rig, tmp_pat
     rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
     rig.add(DoaNode, array_file=array_file, ego_noise=str(tmp_path / 'alone.wav'))
     rig.wait_for_status(f'alone.wav was recorded at {RATE // 2} Hz', DiagnosticStatus.WARN)
+
+
+def test_ego_noise_is_learned_in_flight_and_forgotten(rig, array_file):
+    """On request, from what is heard next."""
+    node = rig.add(DoaNode, array_file=array_file)
+    learn = rig.recorder.create_client(Trigger, 'doa_node/learn_ego_noise')
+    rig.spin(learn.service_is_ready)
+    answer = learn.call_async(Trigger.Request())
+    rig.spin(answer.done)
+    assert answer.result().success and '10 s' in answer.result().message
+    alone = sound(11.0)
+    for first in range(0, len(alone), 4800):
+        rig.publish(node, frame(alone[first:first + 4800], first, stamp=100.0 + first / RATE))
+    assert node._stage.ego_noise.known.name == 'noise learned in flight'
+    node.trigger_deactivate()
+    assert node._stage.ego_noise.known is None
 
 
 def test_missing_input_is_reported(rig, array_file, tmp_path):

@@ -9,7 +9,9 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Float32MultiArray
+from std_srvs.srv import Trigger
 
+from av_audio.ego_learning import LEARNED_S
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_audio.stage import localizer_settings, make_doa_stage
 from av_audio.start_check import check_ages, check_hearing
@@ -46,9 +48,11 @@ class DoaNode(RigNode):
         self.create_subscription(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self.refuse_second_publishers('audio/frames', *(['motor_speeds'] if self._needs_motor_speeds else []))
         self.create_subscription(Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
+        self.create_service(Trigger, '~/learn_ego_noise', self._on_learn_ego_noise)
 
     def deactivate(self) -> None:
-        """Discard the samples of unfinished windows."""
+        """Discard the samples of unfinished windows, and what was learned of the rig's noise."""
+        self._stage.ego_noise.forget()
         self._stage.reset()
 
     @staticmethod
@@ -73,6 +77,11 @@ class DoaNode(RigNode):
         self._motor_speeds.tick()
         self._rotors_turn = any(abs(speed) > 0.0 for speed in message.data)
         self._stage.on_motor_speeds(message)
+
+    def _on_learn_ego_noise(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._stage.ego_noise.begin()
+        response.success, response.message = True, f'what is heard in the next {LEARNED_S:g} s is taken for the rig alone'
+        return response
 
     def _on_audio(self, frame: AudioFrame) -> None:
         self._frames.tick()
@@ -105,16 +114,23 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'wind at the microphones, louder below 100 Hz than all sound')
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
-        if self._stage.own_sound > 0.5:
-            status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors: '
-                                'directions have little confidence; record it for ego_noise with record_ego_noise')
-        elif self._rotors_turn and self._motor_speeds.age <= SILENT_S and not self.settings.ego_noise:
-            status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
-                                'be theirs; make one with record_ego_noise')
+        self._diagnose_own_sound(status)
         if self._stage.without_phases:
             status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
         for fault in self._stage.faults:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_severe else DiagnosticStatus.WARN, str(fault))
+
+    def _diagnose_own_sound(self, status: DiagnosticStatusWrapper) -> None:
+        noise = self._stage.ego_noise
+        status.add('ego-noise', ('learning; ' if noise.is_learning else '') + (noise.known.name if noise.known else 'none'))
+        if noise.refusal:
+            status.mergeSummary(DiagnosticStatus.WARN, f'nothing learned: {noise.refusal}')
+        if self._stage.own_sound > 0.5:
+            status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors: '
+                                'directions have little confidence; record it for ego_noise with record_ego_noise')
+        elif self._rotors_turn and self._motor_speeds.age <= SILENT_S and not noise.known:
+            status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
+                                'be theirs; make one with record_ego_noise')
 
 
 def main() -> None:
