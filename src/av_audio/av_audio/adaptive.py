@@ -48,14 +48,16 @@ class Adaptive:
         likely, drift = self._likelihood.at_rest(inside)
         if not inside[0].all():
             return at_centre(likely, drift)
-        even = self._even.estimate(spectra)
+        even, pulled = self._even.estimate(spectra)
         ratio = expected_error(likely) / expected_error(even, SHARED_REFLECTIONS)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
+        # What pulls the one peak pulls the other; but phases that differ as the source moves look as if reflections did it.
+        likely = replace(likely, bias=likely.bias + (1.0 if drift is None else 1.0 - drift.moves) * pulled)
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
-        return replace(chosen, significance=significance, main_share=even.main_share)
+        return replace(chosen, significance=significance, main_share=even.main_share, reflected=even.reflected)
 
 
 def expected_error(peak: Peak, reflected: float = 1.0) -> float:

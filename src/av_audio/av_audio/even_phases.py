@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.blocks import Blocks
+from av_audio.reflections import Reflections
 from av_audio.steered_response import Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
@@ -46,19 +49,38 @@ class EvenPhases(SteeredResponse):
         everything = np.concatenate([whole, *(blocks.frequencies for blocks in self._blocks)])
         self._order = np.argsort(everything, kind='stable')
         super().__init__(array, everything[self._order], speed_of_sound, CLUSTER_HZ)
+        self._reflected = Reflections(array, frequencies, speed_of_sound)
+        sizes = np.diff([*self._clusters, len(self._omega)])
+        self._cluster_omega = np.add.reduceat(self._omega, self._clusters) / sizes
 
-    def estimate(self, spectra: NDArray) -> Peak:
-        """The highest peak for spectra (m, k)."""
+    def estimate(self, spectra: NDArray) -> tuple[Peak, NDArray]:
+        """The highest peak for spectra (m, k), and the mean square (rank, rank) of its shift by reflections from anywhere."""
         power = np.mean(np.abs(spectra) ** 2, axis=0)
         white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
         whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
         signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
         parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
-        return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
+        weighted = np.concatenate(parts, axis=1)[:, self._order]
+        peak = self.highest_peak(spectra, weighted)
+        return self._among_reflections(peak, spectra, weighted) if peak.significance > 0.0 else (peak, peak.bias)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         agreement = height / float(np.abs(clusters).sum())
         return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
+
+    def _among_reflections(self, peak: Peak, spectra: NDArray, weighted: NDArray) -> tuple[Peak, NDArray]:
+        """A peak whose bias counts reflections from anywhere, and the mean square of the shift by those alone.
+
+        The bias is that, or what disagreement of the bands states, if that is more: in windows shorter than the reverberation
+        neighbouring bins have little in common.
+        """
+        ratio = self._reflected.ratio(spectra, peak.q)
+        peak = replace(peak, reflected=ratio)
+        steered = self._steer(weighted, peak.q)
+        _, hessian = self._derivatives(steered)
+        coherence = np.add.reduceat(steered.real, self._clusters, axis=1)
+        pulled = ratio**2 * self._reflected.pull(coherence, self._cluster_omega, hessian, peak.q)
+        return replace(peak, bias=max(pulled, peak.bias, key=np.trace)), pulled
 
     def _phases(self, blocks: NDArray) -> NDArray:
         """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""

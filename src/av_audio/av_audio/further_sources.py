@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
+from av_audio.reflections import is_no_reflection
 from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -76,7 +77,9 @@ class FurtherSources(SteeredResponse):
         apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
         better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
         return [replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
-                        main_share=max(peak.main_share, peaks[0].main_share)), *peaks[1:]]
+                        main_share=max(peak.main_share, peaks[0].main_share)),
+                *[replace(one, main_share=one.main_share * is_no_reflection(one.height / peaks[0].height, peak.reflected))
+                  for one in peaks[1:]]]
 
     def find(self, spectra: NDArray, strongest: NDArray, most: int) -> list[Peak]:
         """Peaks of all sources, that at `strongest` first; none where it is the only one.
@@ -207,6 +210,3 @@ class FurtherSources(SteeredResponse):
     def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
         """Which points of the grid (g,) are other directions than those found."""
         return np.all([np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
-
-    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
-        return np.zeros_like(inverse)

@@ -42,6 +42,7 @@ class Peak:
         significance: height over the standard deviation that independent channels would give.
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
+        reflected: power of what is reflected, over that of what arrives directly; 0 where unknown.
     """
 
     q: NDArray
@@ -50,6 +51,7 @@ class Peak:
     significance: float
     main_share: float
     height: float = 0.0
+    reflected: float = 0.0
 
 
 class SteeredResponse:
@@ -148,14 +150,14 @@ class SteeredResponse:
         return significance
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
-        """Mean square (rank, rank) of the shift of q by early reflections.
+        """Mean square (rank, rank) of the shift of q by early reflections; none unless overridden.
 
         Parameters:
             clusters (c,): steered cross-spectra, summed over clusters of bins.
             height: height of the peak.
             inverse (rank, rank): inverse of the negative Hessian.
         """
-        raise NotImplementedError
+        return np.zeros_like(inverse)
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, log_likelihood: NDArray) -> float:
         """Posterior probability of the peak's lobe."""
