@@ -57,13 +57,13 @@ class Bench:
             found = [round(arrival - EPOCH - stage.counts()['time sync offset (s)'], 2)]
         elif kind == 'oracle':
             if sender == FIRST:
-                stage.on_image(encode_image(EncodedImage(t, b'data', number))[0], arrival, sender)
+                stage.on_image(encode_image(EncodedImage(t, b'data'))[0], arrival, sender)
             report = stage.on_image(encode_oracle([OracleBox(2, value, 0.0, 0.0, 9.0, 9.0)]), arrival, sender)
             found = [round(report.detections[0].results[0].hypothesis.score, 2)]
         elif kind in ('image', 'depth'):
             data = b'image' if value == LEVEL else b'forged'
             take = stage.on_image if kind == 'image' else stage.on_depth
-            found = [take(encode_image(EncodedImage(t, data, number))[0], arrival, sender).image.data == b'image' and LEVEL]
+            found = [take(encode_image(EncodedImage(t, data))[0], arrival, sender).image.data == b'image' and LEVEL]
         elif kind == 'imu':
             (_, message), = stage.on_imu(encode_imu(ImuSample(number, t, np.full(3, value), np.zeros(3))), arrival, sender)
             found = [round(message.linear_acceleration.x, 2)]
