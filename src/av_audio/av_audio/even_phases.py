@@ -75,12 +75,11 @@ class EvenPhases(SteeredResponse):
         neighbouring bins have little in common.
         """
         ratio = self._reflected.ratio(spectra, peak.q)
-        peak = replace(peak, reflected=ratio)
         steered = self._steer(weighted, peak.q)
         _, hessian = self._derivatives(steered)
         coherence = np.add.reduceat(steered.real, self._clusters, axis=1)
         pulled = ratio**2 * self._reflected.pull(coherence, self._cluster_omega, hessian, peak.q)
-        return replace(peak, bias=max(pulled, peak.bias, key=np.trace)), pulled
+        return replace(peak, bias=max(pulled, peak.bias, key=np.trace), reflected=ratio), pulled
 
     def _phases(self, blocks: NDArray) -> NDArray:
         """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 MEGABYTE = 1_000_000
+LONGEST_LINE = 300  # characters
 _SHORT = reprlib.Repr()
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 4
 _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
@@ -69,9 +70,9 @@ def shown(value: Any) -> str:
 
 
 def one_line(text: object) -> str:
-    """A text without line breaks, cut after 300 characters: messages of libraries may hold a whole file."""
+    """A text without line breaks, cut after LONGEST_LINE: messages of libraries may hold a whole file."""
     words = ' '.join(str(text).split())
-    return words if len(words) <= 300 else f'{words[:300]} ...'
+    return words if len(words) <= LONGEST_LINE else f'{words[:LONGEST_LINE]} ...'
 
 
 def _kind(mode: int) -> str:

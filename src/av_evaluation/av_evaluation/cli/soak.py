@@ -235,12 +235,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(histories: Sequence[ProcessHistory], faults: Sequence[str], options: argparse.Namespace) -> int:
-    limits = min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth
+    settle, most_growth = min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth
     end = max([history.times[-1] for history in histories], default=0.0)
-    steady = bool(histories) and not any(history.faults(*limits, end) for history in histories)
-    table = format_histories(histories, *limits, end)
-    text = (f'{table}\n{end / 60.0:.1f} min, the first {limits[0] / 60.0:g} not counted, '
-            f'growth at most {limits[1]:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
+    steady = bool(histories) and not any(history.faults(settle, most_growth, end) for history in histories)
+    table = format_histories(histories, settle, most_growth, end)
+    text = (f'{table}\n{end / 60.0:.1f} min, the first {settle / 60.0:g} not counted, '
+            f'growth at most {most_growth:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
             f'{"; ".join(faults) or "no sound lost on the way to the bridge"}')
     print(text)
     if options.out:

@@ -133,8 +133,8 @@ def _search(folder: Path) -> list[str]:
 def _content(name: str) -> list[tuple[str, int, int]]:
     """Files of a path with their sizes and times of change; none of a shipped name."""
     path = Path(name)
-    files = sorted(path.rglob('*')) if path.is_dir() else [path]
-    return [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if name and file.is_file()]
+    files = [] if not name else sorted(path.rglob('*')) if path.is_dir() else [path]
+    return [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.is_file()]
 
 
 @cache
