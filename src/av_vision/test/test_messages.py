@@ -109,8 +109,9 @@ def test_detections_are_in_their_message():
     message = detections_message(HEADER, detections, (7, 'oracle'))
     assert {tuple(map(str, (one.header.stamp, one.header.frame_id))) for one in message.detections} == {
         (str(HEADER.stamp), HEADER.frame_id)}
-    first = message.detections[0]
-    assert (first.bbox.center.position.x, first.bbox.center.position.y, first.bbox.size_x, first.bbox.size_y) == (3, 6, 4, 8)
+    boxes = [one.bbox for one in message.detections]
+    assert [(box.center.position.x, box.center.position.y, box.size_x, box.size_y) for box in boxes] == [
+        (3, 6, 4, 8), (1.25, 0.5, 2.5, 1.0)]
     assert [one.results[0].hypothesis.score for one in message.detections] == [0.9, 0.4]
     assert [(one.results[0].hypothesis.class_id, one.id) for one in message.detections] == [('drone', '7'), ('bird', 'oracle')]
 
