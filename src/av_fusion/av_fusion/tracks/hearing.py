@@ -64,13 +64,13 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
     attitude, cone = motion.attitude(time), measurement.cone
     if cone is None:
         stated = [WorldDirection.of(hypothesis, attitude) for hypothesis in measurement.hypotheses]
-        directions = [one._replace(across_variance=(1.0 - share) * one.across_variance,
-                                   lasting=math.sqrt(share * one.across_variance + floor)) for one in stated]
+        directions = [one._replace(across_variance=(1.0 - share) * one.across_variance + floor,
+                                   lasting=math.sqrt(share * one.across_variance)) for one in stated]
         tempered = [direction._replace(across_variance=direction.across_variance / fraction,
                                        up_variance=direction.up_variance / fraction) for direction in directions]
         return Hearing(DirectionLikelihood(tempered), partial(births_of, directions, settings), measurement.confidence, peak)
-    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, (1.0 - share) * cone.variance,
-                      math.sqrt(share * cone.variance + floor * cone.slope_squared))
+    heard = WorldCone(turned(attitude, cone.axis), cone.cosine,
+                      (1.0 - share) * cone.variance + floor * cone.slope_squared, math.sqrt(share * cone.variance))
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
     return Hearing(heard._replace(variance=heard.variance / fraction), partial(heard.births, settings.model.elevations),
                    measurement.confidence, peak, heard.axis if off_axis else None)
