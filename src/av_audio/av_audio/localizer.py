@@ -90,7 +90,6 @@ class DoaEstimate:
         cosine: cosine of the estimated angle to the axis of a linear array (see `directions.cone_cosine`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
-        lasting: share 0..1 of the variances by errors that stay while source and array do: of reflections and calibration.
         own: probability that sound of the rig itself is louder than all other (see `NearField`); confidences count it.
         further: estimates of the other sources in the same window.
     """
@@ -108,7 +107,6 @@ class DoaEstimate:
     q: Array
     cosine: float = np.nan
     cosine_variance: float = np.nan
-    lasting: float = 0.0
     own: float = 0.0
     further: tuple[DoaEstimate, ...] = ()
 
@@ -254,7 +252,7 @@ class Localizer:
             azimuth_variance=variances[0, kept], elevation_variance=variances[1, kept],
             confidence=np.full(count, (1.0 - own) * self._confidence(peak, window)), group=np.full(count, group),
             end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
-            cosine=cosine, cosine_variance=cosine_variance, lasting=_share(bias, peak.covariance), own=own)
+            cosine=cosine, cosine_variance=cosine_variance, own=own)
 
     def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
@@ -264,9 +262,3 @@ class Localizer:
         loud = max(float(window.max()), -float(window.min())) >= FULL_SCALE
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
-
-
-def _share(part: Array, rest: Array) -> float:
-    """Share of a covariance matrix in the sum with the rest; 0 where that is not finite."""
-    total = float(np.trace(part + rest))
-    return float(np.trace(part)) / total if 0.0 < total < np.inf else 0.0

@@ -80,7 +80,7 @@ def _images(source: DoaEstimate, judgement: tuple[float, float, float]) -> list[
     return [Doa(
         direction=_vector(direction), azimuth=float(source.azimuth[k]), elevation=float(source.elevation[k]),
         azimuth_variance=float(source.azimuth_variance[k]), elevation_variance=float(source.elevation_variance[k]),
-        cosine=cosine, cosine_variance=float(source.cosine_variance), lasting=source.lasting,
+        cosine=cosine, cosine_variance=float(source.cosine_variance),
         confidence=float(source.confidence[k]), ambiguity_group=int(source.group[k]),
         end_fire=bool(source.end_fire[k]), drone_probability=probability, fundamental=fundamental,
         fundamental_variance=variance) for k, direction in enumerate(directions)]

@@ -24,8 +24,8 @@ def deg(*angles):
 
 def place(azimuth, weight=0.5, elevation=10.0, sigma=3.0, elevation_sigma=10.0):
     """A possible direction of a target that stands still."""
-    covariance = np.diag([*np.square(deg(sigma, elevation_sigma)), 0.0, 0.0, 0.0, 1.0])
-    return GaussianComponent(weight, *deg(azimuth, elevation), np.ones(1), np.zeros((1, 6)), covariance[None])
+    covariance = np.diag([*np.square(deg(sigma, elevation_sigma)), 0.0, 0.0, 0.0])
+    return GaussianComponent(weight, *deg(azimuth, elevation), np.ones(1), np.zeros((1, 5)), covariance[None])
 
 
 def image(time, camera):

@@ -60,7 +60,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         judged, known = 0.0 < sound.drone_probability <= 1.0, 0.0 < sound.fundamental < math.inf
         measurements.append(DoaMeasurement(
             time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
-            sound.fundamental if known else math.nan, sound.fundamental_variance if known else math.nan, sound.lasting))
+            *((sound.fundamental, sound.fundamental_variance) if known else (math.nan, math.nan))))
     return sorted(measurements, key=lambda measurement: -measurement.confidence)
 
 

@@ -80,7 +80,6 @@ class DoaMeasurement(NamedTuple):
             hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
         drone_probability: probability that the source is a drone, if drones were as frequent as all else; NaN if unknown.
         fundamental (Hz), fundamental_variance (Hz^2): of the source's harmonics; NaN if unknown.
-        lasting: share 0..1 of the variances by errors that stay while source and array do.
     """
 
     time: float
@@ -91,7 +90,6 @@ class DoaMeasurement(NamedTuple):
     drone_probability: float = math.nan
     fundamental: float = math.nan
     fundamental_variance: float = math.nan
-    lasting: float = 0.0
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:
@@ -161,8 +159,6 @@ def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
         return None
     if measurement.drone_probability < 0.0 or measurement.drone_probability > 1.0:
         measurement = measurement._replace(drone_probability=math.nan)
-    if not 0.0 <= measurement.lasting <= 1.0:
-        measurement = measurement._replace(lasting=0.0)
     kept = _usable(measurement.hypotheses)
     if not kept:
         return None

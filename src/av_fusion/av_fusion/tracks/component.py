@@ -19,10 +19,6 @@ from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
 from av_fusion.tracks.past_state import Alternatives, PastState, Row
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
-# Errors of sound that last: their correlation time, and the angle by which source and array turn within which they stay alike.
-# In 45 rooms of pyroomacoustics errors of windows 2 s apart have a correlation of 0.72, and after turns of 7, 12, 20 degrees
-# of 0.63, 0.32, 0.31: docs/decisions.md.
-LASTING_S, LASTING_TURN = 10.0, math.radians(15.0)
 RANGE_S = 30.0  # time constant with which the range is forgotten
 LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
 LARGEST_AZIMUTH_VARIANCE = math.pi**2 / 3.0  # of an azimuth that is not known at all
@@ -31,7 +27,7 @@ OCCLUDED = 0.02  # share of the time for which something near hides a target in 
 LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
 MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of three cameras at 60 Hz, for half a second
-SIZE = 6  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m), lasting error of sound
+SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 _IDENTITY = np.identity(SIZE)
 
 
@@ -62,12 +58,10 @@ class GaussianComponent:
         weight: probability of the component.
         azimuth, elevation (rad): mean direction in the world.
         modes (k,): probabilities of the modes of motion.
-        offsets (k, 6): mean of the state (across, up, rate across, rate up, inverse range, lasting error) in each mode, from
-            that of all.
-        covariances (k, 6, 6): of the state in each mode.
+        offsets (k, 5): mean of the state (across, up, rate across, rate up, inverse range) in each mode, from that of all.
+        covariances (k, 5, 5): of the state in each mode.
         across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
         inverse_range (1/m): of the target.
-        lasting: error of its directions of arrival that lasts, in standard deviations.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
         usual: distribution to which the elevation returns.
         p_hidden: probability that fog, or something near, hides the target from the camera.
@@ -87,7 +81,6 @@ class GaussianComponent:
     across_rate: float = 0.0
     up_rate: float = 0.0
     inverse_range: float = 0.03
-    lasting: float = 0.0
     elevation_measured: bool = False
     usual: Elevation = field(default=Elevation(0.0, 1.0, 1.0), repr=False)
     p_hidden: float = 0.0
@@ -109,7 +102,7 @@ class GaussianComponent:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance (6, 6) of the state, whatever the mode."""
+        """Covariance (5, 5) of the state, whatever the mode."""
         within = (self.modes @ self.covariances.reshape(len(self.modes), -1)).reshape(SIZE, SIZE)
         return within + (self.modes * self.offsets.T) @ self.offsets
 
@@ -124,7 +117,7 @@ class GaussianComponent:
         return (self.across_rate - self.inverse_range * dot(velocity, across),
                 self.up_rate - self.inverse_range * dot(velocity, up))
 
-    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO, turned: float = 0.0) -> None:
+    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> None:
         """Predict by `dt` s: white angular acceleration, of a density that depends on the mode.
 
         Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
@@ -137,7 +130,7 @@ class GaussianComponent:
             dt (s): duration of the prediction; with a negative one the state is extrapolated back without process noise.
             model: motion of targets.
             moving: whether the target accelerates at all.
-            moved (m), turned (rad): displacement of the rig meanwhile, in the world, and the angle by which it turned.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
         level, late = math.cos(self.elevation) ** 2, max(dt, 0.0)
         kept = math.exp(-0.5 * level * late * model.elevation_density / self.usual.variance)
@@ -146,8 +139,6 @@ class GaussianComponent:
         step = _IDENTITY.copy()
         step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
         step[4, 4], s = forgotten, self.inverse_range
-        turned += late * math.hypot(self.across_rate, self.up_rate)
-        step[5, 5] = same = math.exp(-late / LASTING_S - turned / LASTING_TURN)
         across = dt * self.across_rate
         up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - self.usual.mean)
         if moved != ZERO:
@@ -160,10 +151,8 @@ class GaussianComponent:
         self.offsets, self.covariances = self.offsets @ step.T, step @ self.covariances @ step.T
         self.inverse_range = _bounded(model.usual_inverse_range + forgotten * (s - model.usual_inverse_range))
         self.up_rate *= held
-        self.lasting *= same
         if late > 0.0:
             self._add_noise(dt, model, moving, level, kept, forgotten)
-            self.covariances[:, 5, 5] += 1.0 - same**2
         self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
         self.move((1.0 - level) * across, up)
 
@@ -208,8 +197,8 @@ class GaussianComponent:
     def at(self, lag: float, moved: Vector = ZERO) -> PastState:
         """The direction `lag` s before the component's time, since when the rig moved by `moved` (m, world)."""
         across, up = -lag * self.across_rate, -lag * self.up_rate
-        jacobian = np.zeros((3, SIZE))
-        jacobian[0, 0] = jacobian[1, 1] = jacobian[2, 5] = 1.0
+        jacobian = np.zeros((2, SIZE))
+        jacobian[0, 0] = jacobian[1, 1] = 1.0
         jacobian[0, 2] = jacobian[1, 3] = -lag
         if moved != ZERO:
             beside, below = [dot(moved, axis) for axis in tangents(self.azimuth, self.elevation)]
@@ -217,13 +206,12 @@ class GaussianComponent:
             across, up = across + self.inverse_range * beside, up + self.inverse_range * below
         gains, offsets = self.covariances @ jacobian.T, self.offsets @ jacobian.T
         spreads = jacobian @ gains
-        whole = (self.modes @ spreads.reshape(-1, 9)).reshape(3, 3) + (self.modes * offsets.T) @ offsets
-        (hh, hv, _), (_, vv, _), _ = whole.tolist()
+        (hh, hv), (_, vv) = ((self.modes @ spreads.reshape(-1, 4)).reshape(2, 2) + (self.modes * offsets.T) @ offsets).tolist()
         level = math.cos(self.elevation)
         azimuth = self.azimuth + level * across
         left, above = tangents(azimuth, self.elevation)
         past = PastState(direction_of(azimuth, self.elevation), left, above, hh, hv, vv, self.modes, offsets, spreads, gains,
-                         self.lasting, lag, moved)
+                         lag, moved)
         return past.shifted((1.0 - level * level) * across, up)
 
     def accept(self, time: float, seen: bool, past: PastState, row: Row, alternatives: Alternatives) -> None:
@@ -233,11 +221,11 @@ class GaussianComponent:
             time (s): of their capture.
             seen: whether by the camera.
             past: the component at that time.
-            row: derivatives of the quantity, see `Row`.
+            row: derivatives of the quantity with respect to the direction across and up.
             alternatives: the values.
         """
         share, mean, square, variance = [float(one[0]) for one in alternatives.pooled(past.modes).moments()]
-        length = math.hypot(row[0], row[1])
+        length = math.hypot(*row)
         if share < ASSOCIATED or length < 1e-6:
             return
         value, spread = mean / share, square / share - (mean / share) ** 2
@@ -255,7 +243,7 @@ class GaussianComponent:
 
         Parameters:
             past: the component at the capture time.
-            row: derivatives of the quantity at that time, see `Row`.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
             alternatives: the values.
             keep_elevation: whether the elevation is kept, as far as it is level.
         """
@@ -279,7 +267,7 @@ class GaussianComponent:
 
         Parameters:
             past: the component at the time for which they hold.
-            row: derivatives of the quantity at that time, see `Row`.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
             shifts (k,), changes (k,): of its mean and its variance in each mode.
         """
         gain = past.gains @ np.array(row) / np.maximum(past.variances(row), 1e-12)[:, None]
@@ -296,11 +284,10 @@ class GaussianComponent:
         """Move the mean to that of all modes."""
         change = self.modes @ self.offsets
         self.offsets = self.offsets - change
-        across, up, across_rate, up_rate, inverse_range, lasting = change.tolist()
+        across, up, across_rate, up_rate, inverse_range = change.tolist()
         self.across_rate += across_rate
         self.up_rate += up_rate
         self.inverse_range = _bounded(self.inverse_range + inverse_range)
-        self.lasting += lasting
         self.move(across, up)
 
     def move(self, across: float, up: float) -> None:
@@ -320,8 +307,7 @@ class GaussianComponent:
         """Turn covariance and rates by `angle` (rad) from the axis across towards the axis up."""
         c, s = math.cos(angle), math.sin(angle)
         self.across_rate, self.up_rate = c * self.across_rate - s * self.up_rate, s * self.across_rate + c * self.up_rate
-        turn = _IDENTITY.copy()
-        turn[:2, :2] = turn[2:4, 2:4] = (c, -s), (s, c)
+        turn = np.array([[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, c, -s, 0], [0, 0, s, c, 0], [0, 0, 0, 0, 1.0]])
         self.offsets, self.covariances = self.offsets @ turn.T, turn @ self.covariances @ turn.T
 
     def turn_world(self, rows: Rows) -> None:

@@ -60,7 +60,7 @@ def merge(one: GaussianComponent, other: GaussianComponent) -> None:
     here = replace(other)
     here.move(*_offset(other, one))
     difference = np.array([across, up, here.across_rate - one.across_rate, here.up_rate - one.up_rate,
-                           here.inverse_range - one.inverse_range, here.lasting - one.lasting])
+                           here.inverse_range - one.inverse_range])
     modes = a * one.modes + b * here.modes
     share = (b * here.modes / modes)[:, None]
     apart = here.offsets + difference - one.offsets

@@ -16,7 +16,6 @@ from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.settings import FilterSettings
 
 UNIFORM_DENSITY = 1.0 / tau
-MOST_LASTING = 0.99  # share of what lasts of a variance: some noise is always left
 LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 
 
@@ -58,19 +57,16 @@ def hear(time: float, measurement: DoaMeasurement, fraction: float, settings: Fi
         settings: see `FilterSettings`.
         motion: attitude of the rig.
     """
-    floor, share = settings.sound_floor_sigma**2, min(measurement.lasting, MOST_LASTING)
+    floor = settings.sound_floor_sigma**2
     variance = min([h.across_variance for h in measurement.hypotheses]) + floor
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(tau * variance) / UNIFORM_DENSITY
     attitude, cone = motion.attitude(time), measurement.cone
     if cone is None:
-        stated = [WorldDirection.of(hypothesis, attitude) for hypothesis in measurement.hypotheses]
-        directions = [one._replace(across_variance=(1.0 - share) * one.across_variance + floor,
-                                   lasting=math.sqrt(share * one.across_variance)) for one in stated]
+        directions = [WorldDirection.of(hypothesis, attitude, floor) for hypothesis in measurement.hypotheses]
         tempered = [direction._replace(across_variance=direction.across_variance / fraction,
                                        up_variance=direction.up_variance / fraction) for direction in directions]
         return Hearing(DirectionLikelihood(tempered), partial(births_of, directions, settings), measurement.confidence, peak)
-    heard = WorldCone(turned(attitude, cone.axis), cone.cosine,
-                      (1.0 - share) * cone.variance + floor * cone.slope_squared, math.sqrt(share * cone.variance))
+    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared)
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
     return Hearing(heard._replace(variance=heard.variance / fraction), partial(heard.births, settings.model.elevations),
                    measurement.confidence, peak, heard.axis if off_axis else None)
@@ -91,11 +87,10 @@ def _birth_of(direction: WorldDirection, settings: FilterSettings) -> BirthCompo
         settings: of targets; the commonest elevation is that of a direction without one.
     """
     azimuth, elevation = angles(direction.vector)
-    across, variance = direction.across_variance + direction.lasting**2, direction.up_variance
+    across, variance = direction.across_variance, direction.up_variance
     if not direction.is_known:
         elevation, variance, _ = settings.model.elevations[0]
     left, above = tangents(azimuth, elevation)
     c, s = dot(direction.left, left), dot(direction.left, above)
     return BirthComponent(azimuth, elevation, c * c * across + s * s * variance, c * s * (across - variance),
-                          s * s * across + c * c * variance, elevation_measured=direction.is_known,
-                          lasting=(-c * direction.lasting, -s * direction.lasting))
+                          s * s * across + c * c * variance, elevation_measured=direction.is_known)

@@ -22,7 +22,7 @@ class Deviation(NamedTuple):
     """A scalar measurement compared with a prediction.
 
     Parameters:
-        row: derivatives of the measured value, see `Row`.
+        row: derivatives of the measured value with respect to the direction across and up.
         innovations (k,): measured minus predicted value, in each mode of motion.
         totals (k,): variance of the innovation.
         noise: the measurement's part of it.
@@ -35,8 +35,8 @@ class Deviation(NamedTuple):
 
     @classmethod
     def of(cls, past: PastState, row: Row, innovation: float, noise: float) -> Deviation:
-        """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode, without lasting error."""
-        return cls(row, innovation - row[2] * past.lasting - past.deviations(row), past.variances(row) + noise, noise)
+        """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
+        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
 
     @property
     def distances(self) -> NDArray[np.float64]:
@@ -65,22 +65,20 @@ class WorldDirection(NamedTuple):
         left: unit vector to larger azimuths of the sensor.
         across_variance, up_variance (rad^2): of the errors along `left` and perpendicular to it; infinite where the
             elevation is unknown.
-        lasting (rad): standard deviation of the part of the error along `left` that lasts; it is not in `across_variance`.
     """
 
     vector: Vector
     left: Vector
     across_variance: float
     up_variance: float
-    lasting: float = 0.0
 
     @classmethod
-    def of(cls, measured: Detection | Hypothesis, attitude: Rows) -> WorldDirection:
-        """A direction in the body frame turned into the world."""
+    def of(cls, measured: Detection | Hypothesis, attitude: Rows, extra: float = 0.0) -> WorldDirection:
+        """A direction in the body frame turned into the world; `extra` (rad^2) is added to its variance across."""
         known = math.isfinite(measured.elevation_variance)
         elevation = measured.elevation if known else 0.0
         return cls(turned(attitude, direction_of(measured.azimuth, elevation)),
-                   turned(attitude, tangents(measured.azimuth, elevation)[0]), measured.across_variance,
+                   turned(attitude, tangents(measured.azimuth, elevation)[0]), measured.across_variance + extra,
                    measured.elevation_variance)
 
     @property
@@ -94,7 +92,7 @@ class WorldDirection(NamedTuple):
         if not self.is_known:
             return (self._beside(past),)
         norm = max(math.hypot(h, v), 1e-9)
-        across, up = (h / norm, v / norm, self.lasting), (-v / norm, h / norm, 0.0)
+        across, up = (h / norm, v / norm), (-v / norm, h / norm)
         x, y = past.offset(self.vector)
         return (Deviation.of(past, across, across[0] * x + across[1] * y, self.across_variance),
                 Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance))
@@ -104,8 +102,8 @@ class WorldDirection(NamedTuple):
         distance, row = past.above_plane(self.left)
         if dot(self.vector, past.direction) < 0.0:  # on the other half
             distance = math.copysign(math.pi, distance) - distance
-        level = max(1.0 - dot(cross(self.vector, self.left), past.direction) ** 2, 0.01)
-        return Deviation.of(past, (row[0], row[1], self.lasting * math.sqrt(level)), -distance, self.across_variance * level)
+        level = 1.0 - dot(cross(self.vector, self.left), past.direction) ** 2
+        return Deviation.of(past, row, -distance, self.across_variance * max(level, 0.01))
 
 
 class Comparison(NamedTuple):
@@ -116,7 +114,7 @@ class Comparison(NamedTuple):
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
         fits (k,): likelihood in each mode relative to that of a component that predicts the measured value without error and
-            variance; above 1 where more is known of its error than it states.
+            variance; at most 1.
     """
 
     component: GaussianComponent
@@ -132,14 +130,12 @@ class WorldCone(NamedTuple):
     Parameters:
         axis: unit vector of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
-        variance: variance of the cosine's error, without what lasts of it.
-        lasting: standard deviation of what lasts.
+        variance: variance of the cosine's error from all causes.
     """
 
     axis: Vector
     cosine: float
     variance: float
-    lasting: float = 0.0
 
     def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """Compare with a component, whose direction at the capture time is `past`."""
@@ -148,11 +144,8 @@ class WorldCone(NamedTuple):
 
     def deviation(self, past: PastState) -> Deviation:
         """Deviation of the cosine from what a component predicts."""
-        means, variances, (across, up) = expected_cosine(past, self.axis)
-        row = across, up, self.lasting
-        lasting = self.lasting * (2.0 * past.spreads[:, 2, :2] @ (across, up) + self.lasting * past.spreads[:, 2, 2])
-        means = means + self.lasting * (past.lasting + past.offsets[:, 2])
-        return Deviation(row, self.cosine - means, variances + lasting + self.variance, self.variance)
+        means, variances, row = expected_cosine(past, self.axis)
+        return Deviation(row, self.cosine - means, variances + self.variance, self.variance)
 
     def births(self, elevations: Sequence[Elevation]) -> list[BirthComponent]:
         """Both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -173,14 +166,13 @@ class WorldCone(NamedTuple):
         """Both images of about one elevation; their shares are not normalised."""
         x, y, z = self.axis
         level, variance = math.hypot(x, y), usual.variance
-        total = self.variance + self.lasting**2
         climb, angle = math.asin(min(max(z, -1.0), 1.0)), math.acos(min(max(self.cosine, -1.0), 1.0))
         highest = min(climb + angle, math.pi - climb - angle)
         elevation = min(max(usual.mean, climb - angle, -0.5 * math.pi), climb + angle, 0.5 * math.pi)
         width, sine = level * max(math.cos(elevation), 0.05), math.sin(elevation)
         ratio = min(max((self.cosine - z * sine) / width, -1.0), 1.0)
         to_elevation = (self.cosine * sine - z) / (width * math.cos(elevation)) if math.cos(elevation) > 0.05 else 0.0
-        noise = total / width**2
+        noise = self.variance / width**2
         steepness = math.sqrt(max(1.0 - ratio * ratio, math.sqrt(noise + to_elevation**2 * variance)))
         apart, azimuth, cosine = math.acos(ratio), math.atan2(y, x), math.cos(elevation)
         share = usual.share * 0.5 * math.erfc((usual.mean - highest) / math.sqrt(2.0 * variance)) / (width * steepness)
@@ -189,13 +181,11 @@ class WorldCone(NamedTuple):
             slope = -side * to_elevation / steepness  # of the azimuth by elevation
             images.append(BirthComponent(math.remainder(azimuth + side * apart, math.tau), elevation,
                                          (noise / steepness**2 + slope * slope * variance) * cosine**2,
-                                         slope * variance * cosine, variance, share, usual=usual,
-                                         lasting=(side * self.lasting / (width * steepness) * cosine, 0.0)))
+                                         slope * variance * cosine, variance, share, usual=usual))
         return images
 
 
-def expected_cosine(past: PastState, axis: Vector
-                    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float]]:
+def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64], Row]:
     """Means and variances (k,) of the cosine of the angle between a target and an axis, and mean derivatives across and up.
 
     With azimuth d and elevation e of the target from its mean, the cosine is x cos d cos e + y sin d cos e + z sin e, where
@@ -220,7 +210,7 @@ def expected_cosine(past: PastState, axis: Vector
     across, up = y * both, z * np.exp(-0.5 * v) - 0.5 * y * (fade_difference - fade_sum)
     means = x * both
     row = float(past.modes @ across), float(past.modes @ up)
-    return means + past.offsets[:, :2] @ row, np.maximum(square - means**2, 1e-12), row
+    return means + past.deviations(row), np.maximum(square - means**2, 1e-12), row
 
 
 class DirectionLikelihood(NamedTuple):
@@ -241,8 +231,7 @@ class DirectionLikelihood(NamedTuple):
 
 def _fits(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
     """See `Comparison`: densities by the first deviation, reduced by the others."""
-    first = deviations[0]
-    return np.asarray(np.exp(-0.5 * distances(deviations)) * np.sqrt((first.noise + first.row[2] ** 2) / first.totals))
+    return np.asarray(np.exp(-0.5 * distances(deviations)) * np.sqrt(deviations[0].noise / deviations[0].totals))
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:

@@ -31,7 +31,6 @@ class BirthComponent(NamedTuple):
         share: probability of this direction among the mirror images of its measurement.
         elevation_measured: whether the elevation was measured.
         usual: distribution to which the elevation returns.
-        lasting (rad): covariance across and up with the lasting error of sound, in its standard deviations.
     """
 
     azimuth: float
@@ -42,7 +41,6 @@ class BirthComponent(NamedTuple):
     share: float = 1.0
     elevation_measured: bool = False
     usual: Elevation | None = None
-    lasting: tuple[float, float] = (0.0, 0.0)
 
 
 class GaussianMixture:
@@ -79,17 +77,17 @@ class GaussianMixture:
         mixture.reduce()
         return mixture
 
-    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO, turned: float = 0.0) -> None:
+    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO) -> None:
         """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
 
         Parameters:
             dt (s): duration of the prediction.
             moving: whether the target accelerates at all.
             kept: probability that the target is still present.
-            moved (m), turned (rad): displacement of the rig meanwhile, in the world, and the angle by which it turned.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
         for component in self.components:
-            component.predict(dt, self.model, moving, moved, turned)
+            component.predict(dt, self.model, moving, moved)
             component.weight *= kept
         self.absent += (1.0 - kept) * (1.0 - self.absent)
 
@@ -135,9 +133,8 @@ class GaussianMixture:
     def _component_of(self, birth: BirthComponent, weight: float) -> GaussianComponent:
         level, model = math.cos(birth.elevation) ** 2, self.model
         up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
-        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2, 1.0))
+        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
         covariance[0, 1] = covariance[1, 0] = birth.hv
-        covariance[:2, 5] = covariance[5, :2] = birth.lasting
         return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
                                  np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
                                  elevation_measured=birth.elevation_measured, usual=birth.usual or model.elevations[0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from av_fusion.measurement.vectors import Vector, combined, dot, offset
 
-Row = tuple[float, float, float]  # derivatives by the direction across and up, and by the lasting error of sound
+Row = tuple[float, float]
 
 
 class Alternatives(NamedTuple):
@@ -45,10 +45,8 @@ class PastState(NamedTuple):
         direction, left, above: mean, and axes of the plane; unit vectors in the world.
         hh, hv, vv (rad^2): covariance of the direction, whatever the mode.
         modes (k,): probabilities of the modes of motion.
-        offsets (k, 3), spreads (k, 3, 3): mean in each mode, from that of all, of the direction along both axes and of the
-            lasting error of sound, and their covariance.
-        gains (k, 6, 3): covariance of the component's present state with these, by mode.
-        lasting: mean of the lasting error of sound, in its standard deviations.
+        offsets (k, 2), spreads (k, 2, 2): mean of the direction in each mode from that of all, and its covariance.
+        gains (k, 5, 2): covariance of the component's present state with the direction along both axes, by mode.
         lag (s), moved (m): time since then, and displacement of the rig, in the world.
     """
 
@@ -62,7 +60,6 @@ class PastState(NamedTuple):
     offsets: NDArray[np.float64]
     spreads: NDArray[np.float64]
     gains: NDArray[np.float64]
-    lasting: float
     lag: float
     moved: Vector
 
@@ -79,17 +76,17 @@ class PastState(NamedTuple):
                              above=combined(1.0, above, v, change))
 
     def variance(self, row: Row) -> float:
-        """Variance (rad^2) of the direction along a row of derivatives, whatever the mode; without the lasting error."""
-        h, v, _ = row
+        """Variance (rad^2) of the direction along a row of derivatives, whatever the mode."""
+        h, v = row
         return h * h * self.hh + 2.0 * h * v * self.hv + v * v * self.vv
 
     def variances(self, row: Row) -> NDArray[np.float64]:
-        """Variance (k,) of what has this row of derivatives, in each mode."""
+        """Variance (k,) of the direction along a row of derivatives in each mode."""
         along = np.array(row)
         return np.asarray(self.spreads @ along @ along)
 
     def deviations(self, row: Row) -> NDArray[np.float64]:
-        """Mean (k,) of what has this row of derivatives in each mode, from that of all."""
+        """Mean (k,) of the direction along a row of derivatives in each mode, from that of all."""
         return np.asarray(self.offsets @ np.array(row))
 
     def offset(self, target: Vector) -> tuple[float, float]:
@@ -105,4 +102,4 @@ class PastState(NamedTuple):
         """Signed distance (rad) from the plane with this unit normal, and its derivatives along both axes."""
         h, v = dot(normal, self.left), dot(normal, self.above)
         steepness = max(math.hypot(h, v), 1e-9)
-        return math.atan2(dot(normal, self.direction), steepness), (h / steepness, v / steepness, 0.0)
+        return math.atan2(dot(normal, self.direction), steepness), (h / steepness, v / steepness)

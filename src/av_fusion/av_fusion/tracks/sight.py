@@ -92,7 +92,7 @@ class Extent(NamedTuple):
 
     Parameters:
         angle (rad): azimuth or elevation.
-        row: its derivatives, see `Row`.
+        row: its derivatives with respect to the direction across and up.
         half_width (rad): the image shows angles from minus to plus this.
     """
 
@@ -119,8 +119,8 @@ def extents(past: PastState, view: Sequence[Vector], measurement: CameraMeasurem
              sum(a * dot(axis, past.above) for a, axis in zip(part, view, strict=True)))
             for part in tangents(azimuth, elevation)]
     level = max(math.cos(elevation), 1e-3)
-    return [Extent(azimuth, (rows[0][0] / level, rows[0][1] / level, 0.0), measurement.half_view),
-            Extent(elevation, (*rows[1], 0.0), measurement.half_height)]
+    return [Extent(azimuth, (rows[0][0] / level, rows[0][1] / level), measurement.half_view),
+            Extent(elevation, rows[1], measurement.half_height)]
 
 
 def truncated(extent: Extent, past: PastState, seen: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -108,7 +108,7 @@ class Track:
             place = -dt, self._motion.moved(time, self.time)
         else:
             self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
-                                 self._motion.moved(self.time, time), dt * math.hypot(*self._motion.rate(time)))
+                                 self._motion.moved(self.time, time))
             self.time = time
         self.mixture.split_at(axes)
         return place
@@ -142,8 +142,7 @@ class Track:
         Parameters:
             compared: of the components with the directions.
         """
-        fits = sum([component.weight * (component.modes @ fits) for component, _, fits in compared], np.zeros(1))
-        return min(float(np.max(fits)), 1.0)
+        return float(np.max(sum([component.weight * (component.modes @ fits) for component, _, fits in compared], np.zeros(1))))
 
     def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float
                      ) -> NDArray[np.float64]:
@@ -183,7 +182,7 @@ class Track:
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
-            update_by_sound(time, directions, shares, fraction)
+            update_by_sound(time, directions, shares)
             component.weight *= total
         self.mixture.reduce()
 
@@ -258,22 +257,20 @@ class Track:
         self._anchor = None
 
 
-def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDArray[np.float64], fraction: float) -> None:
+def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDArray[np.float64]) -> None:
     """Update a component by directions of arrival with their association probabilities.
 
     Parameters:
         time (s): their capture time.
         comparisons: of the component with each of them.
         shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
-        fraction: effective sample fraction.
     """
     component, past = comparisons[0].component, comparisons[0].past
     across, whole = [comparison.deviations[0] for comparison in comparisons], (component.modes @ shares).tolist()
     row = across[whole.index(max(whole))].row  # those of directions far away differ
     noises = np.array([np.maximum(d.totals - past.variances(d.row), d.noise) for d in across]).T
     alternatives = _alternatives(across, shares)._replace(variances=noises)
-    stated = Alternatives(alternatives.innovations + row[2] * past.lasting, noises + row[2] ** 2 / fraction, shares)
-    component.accept(time, False, past, row, stated)  # of what lasts, others shall not take the estimate of this filter
+    component.accept(time, False, past, row, alternatives)
     component.update(past, row, alternatives, keep_elevation=comparisons[0].direction is None)
     known = [(j, one.direction) for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
     if known:
