@@ -137,6 +137,7 @@ class FormulaRig:
         sound, sight, odometry: whether the sensor sends messages.
         visibility: of images, None where nothing is reported of it.
         sight_clutter, sound_clutter: expected number of false detections of an image, and of false directions of a window.
+        lasting: standard deviation of errors of projections that all windows of a run have in common; variances count them.
         network: from kind, capture and arrival (s) to the arrivals in fact: none of a lost message, two of a doubled one.
         clock: what a sensor adds to its stamps (s), by the kind of message and time.
         parameters: of fusion_node that differ from the defaults.
@@ -157,6 +158,7 @@ class FormulaRig:
     detection_probability: float = 0.9
     sight_clutter: float = 0.0
     sound_clutter: float = 0.0
+    lasting: float = 0.0
     network: Callable[[str, float, float], Sequence[float]] = lambda kind, captured, arrival: (arrival,)
     clock: Callable[[str, float], float] = lambda kind, captured: 0.0
     seed: int = 0
@@ -170,6 +172,7 @@ class FormulaRig:
         self.moments: list[Moment] = []
         self.measured: list[tuple[float, str, float]] = []
         self.misaligned = FOCAL * MOUNT_SIGMA * self.random.normal(size=2)
+        self._lasts = self.lasting * np.random.default_rng([12, self.seed]).normal(size=3)
         self._numbers, self._steps = count(), 0
         self._queue: list[tuple[float, int, str, Any]] = []
         given = node_parameters('av_fusion', 'fusion_node', overrides=self.parameters)
@@ -270,7 +273,7 @@ class FormulaRig:
         heard: list[tuple[float, NDArray, NDArray, Source | None]] = []
         for number, source in enumerate(self.sources):
             source.errors = [*source.errors, self.random.normal(size=3)][-round(WINDOW / HOP):]
-            error = COSINE_SIGMA * np.sum(source.errors, axis=0) / math.sqrt(len(source.errors))
+            error = COSINE_SIGMA * np.sum(source.errors, axis=0) / math.sqrt(len(source.errors)) + self._lasts
             if source.heard(t):
                 mean = np.mean([self.body(time, number) for time in times], axis=0)
                 heard.append((source.confidence, mean, error, source))
@@ -296,7 +299,7 @@ class FormulaRig:
                   'drone_probability': source.drone_probability(t) if source else math.nan,
                   'fundamental': source.fundamental * (1.0 + 0.03 * self.random.normal()) if source else math.nan}
         values['fundamental_variance'] = (0.03 * values['fundamental']) ** 2
-        variance, level = COSINE_SIGMA**2, math.hypot(v[0], v[1])
+        variance, level = COSINE_SIGMA**2 + self.lasting**2, math.hypot(v[0], v[1])
         if self.array == 'pair':
             cosine = min(max(float(v[1]), -1.0), 1.0)
             apart = math.asin(cosine)
