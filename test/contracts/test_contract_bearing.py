@@ -251,13 +251,14 @@ def test_measured_is_the_capture_of_what_supports_it(contract):
 
 @pytest.mark.parametrize('array', ['pair', 'square'])
 def test_an_error_that_lasts_is_not_averaged_out(contract, array):
-    """Of 20 rooms, in each of which all windows err alike: a chi-square of 20 degrees of freedom, 45 at 0.1 %."""
+    """Of 20 runs, in each of which all windows err alike: a chi-square of 20 degrees of freedom, 45 at 0.1 %."""
     rigs = [FormulaRig([Source.at(20.0)], array=array, sight=never, seed=seed, lasting=LASTING).run(8.0) for seed in range(20)]
     last = [rig.normalised(7.9, folded=array == 'pair')[0] for rig in rigs]
     contract(at_most('mean squared error in variances', float(np.mean(last)), 45.3 / 20.0))
 
 
-def test_what_was_seen_corrects_sound_whose_errors_last(contract):
+def test_what_was_seen_holds_against_sound_whose_errors_last(contract):
+    """From one to three seconds after the last detection."""
     rigs = [FormulaRig([Source.at(15.0, seen=lambda t: t < 3.0)], seed=seed, lasting=LASTING).run(6.0) for seed in range(8)]
     errors = np.concatenate([rig.errors(4.0) for rig in rigs])
     contract(at_most('error over that of sound', rms(errors) / math.degrees(LASTING), 0.5))
