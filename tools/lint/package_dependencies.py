@@ -76,6 +76,7 @@ def wanted(package: Path) -> dict[str, list[str]]:
     """The rosdep keys that a package.xml must list, by kind of dependency."""
     run = {KEYS.get(name, name) for name in imported(sources(package)) - {package.name}} | IMPLICIT.get(package.name, set())
     build = {PARAMETERS} if list(package.glob(f'{package.name}/nodes/*_parameters.yaml')) else set()
+    build |= imported([package / 'setup.py']) & {'av_common'} - {package.name}
     test = {KEYS.get(name, name) for name in tested(package) - users(package)} | TEST_PLUGINS.get(package.name, set())
     return {'depend': sorted(build), 'exec_depend': sorted(run - build), 'test_depend': sorted(test - run - build)}
 
