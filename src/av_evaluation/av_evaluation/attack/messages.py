@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing.managers import BaseManager
 from pathlib import Path
 from random import Random
@@ -31,37 +32,20 @@ ALWAYS = {'/clock': 'rosgraph_msgs/msg/Clock', '/tf': 'tf2_msgs/msg/TFMessage'}
 ENABLED_S = 2.0            # for which its answer is waited
 HEADER = 4                 # bytes of any serialized message
 MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the machine the attack
-STEP_S = 0.01    # between looks at what is due
 
 
-def paced(seconds: float, rate: float) -> Iterator[int]:
-    """Numbers from 0, at a rate; after a delay as many at once as keep the rate.
-
-    Parameters:
-        seconds: duration.
-        rate (Hz): of the numbers.
-    """
-    begun, done = time.monotonic(), 0
-    while (elapsed := time.monotonic() - begun) < seconds:
-        due = min(int(elapsed * rate), done + max(int(rate), 1))
-        while done < due and time.monotonic() - begun < seconds:
-            yield done
-            done += 1
-        time.sleep(STEP_S)
-
-
+@dataclass
 class Target:
-    """A topic under attack, for which a genuine message, if there is one, is the template.
+    """A topic under attack: its name, class of messages, and a quality of service that all subscribers accept.
 
     Parameters:
-        topic: its name.
-        kind: class of its messages.
-        qos: quality of service that all subscribers accept.
         template: the newest genuine message as it was serialized; empty without.
     """
 
-    def __init__(self, topic: str, kind: Any, qos: QoSProfile, template: bytes = b'') -> None:
-        self.topic, self.kind, self.qos, self.template = topic, kind, qos, template
+    topic: str
+    kind: Any
+    qos: QoSProfile
+    template: bytes = b''
 
     def message(self) -> Any:
         """A genuine message, or an empty one."""
@@ -120,18 +104,20 @@ class Messages(Node):
         """
         values = HostileValues(Random(seed))
         values.stale = stale
-        targets = [target for target in self._targets if target.topic not in spare]
-        publishers = [self.create_publisher(target.kind, target.topic, target.qos) for target in targets]
-        sent: Counter[str] = Counter()
-        for number in paced(seconds, rate * len(targets)):
-            target = targets[number % len(targets)]
-            try:
-                publishers[number % len(targets)].publish(MAKERS[number // len(targets) % len(MAKERS)](target, values))
-            except Exception as error:  # noqa: BLE001  the middleware refuses some of them; rclpy has no class for it
-                sent[f'refused by the middleware: {str(error)[:60]}'] += 1
-                continue
-            sent[target.topic] += 1
-        for publisher in publishers:
+        publishers = [(target, self.create_publisher(target.kind, target.topic, target.qos)) for target in self._targets
+                      if target.topic not in spare]
+        sent, begun = Counter[str](), time.monotonic()
+        for number in range(round(seconds * rate)):
+            time.sleep(max(begun + number / rate - time.monotonic(), 0.0))
+            if time.monotonic() > begun + seconds:
+                break
+            for target, publisher in publishers:
+                try:
+                    publisher.publish(MAKERS[number % len(MAKERS)](target, values))
+                    sent[target.topic] += 1
+                except Exception as error:  # noqa: BLE001  the middleware refuses some of them; rclpy has no class for it
+                    sent[f'refused by the middleware: {str(error)[:60]}'] += 1
+        for _, publisher in publishers:
             self.destroy_publisher(publisher)
         return dict(sent)
 

@@ -17,6 +17,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from vision_msgs.msg import Detection2DArray
 
+from av_common.guarded_node import Reader
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds
 from av_evaluation.attack.hostile import MARK
@@ -44,7 +45,7 @@ class Observer:
         self.lock, self._closing = threading.Lock(), threading.Event()
         self.commands = CommandJudge(pointing_settings(node_parameters('av_pointing', 'pointing_node', [shipped])))
         self.bearings = BearingCheck()
-        self._inputs: list[tuple[Any, Callable[[bytes, dict[str, int]], None]]] = []
+        self._inputs: list[tuple[Reader, Any, Callable[[Any, float], None]]] = []
         self._hear(PointingCommand, 'pointing/command', lambda message, _: self.commands.on_command(
             message, to_seconds(message.header.stamp), time.time()))
         self._hear(Bearing, 'target/bearing', self.bearings.on_bearing)
@@ -64,14 +65,8 @@ class Observer:
         rclpy.try_shutdown()
 
     def _hear(self, kind: Any, topic: str, take: Callable[[Any, float], None]) -> None:
-        def decode(data: bytes, info: dict[str, int]) -> None:
-            if MARK in data:
-                return
-            try:
-                take(deserialize_message(data, kind), 1e-9 * info['source_timestamp'])
-            except Exception as error:  # noqa: BLE001  an attacker's message; rclpy has no class for this error
-                self._node.get_logger().debug(str(error))
-        self._inputs.append((self._node.create_subscription(kind, topic, decode, DEEP, raw=True), decode))
+        subscription = self._node.create_subscription(kind, topic, lambda _: None, DEEP, raw=True)
+        self._inputs.append((Reader(subscription), kind, take))
 
     def _on_input(self, kind: str, field: str, message: Any, published: float) -> None:
         if not field or len(getattr(message, field)):
@@ -80,17 +75,15 @@ class Observer:
     def _run(self) -> None:
         while not self._closing.wait(PERIOD_S):
             with self.lock:
-                for subscription, decode in self._inputs:
-                    self._take(subscription, decode)
+                for reader, kind, take in self._inputs:
+                    for data, published in reader.take():
+                        self._take(data, published, kind, take)
                 self.commands.judge(time.time())
                 self.bearings.judge(time.time())
 
-    @staticmethod
-    def _take(subscription: Any, decode: Callable[[bytes, dict[str, int]], None]) -> None:
-        """What has arrived, without an executor, which takes too long for as many messages as an attack sends."""
-        for _ in range(DEEP.depth):
-            with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                return
-            decode(*taken)
+    def _take(self, data: bytes, published: float, kind: Any, take: Callable[[Any, float], None]) -> None:
+        if MARK not in data:
+            try:
+                take(deserialize_message(data, kind), published)
+            except Exception as error:  # noqa: BLE001  an attacker's message; rclpy has no class for this error
+                self._node.get_logger().debug(str(error))

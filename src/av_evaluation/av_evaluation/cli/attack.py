@@ -1,6 +1,6 @@
 """ros2 run av_evaluation attack: hostile messages and signals against the running rig.
 
-One attack after the other until the time is over, and the verdict on what must hold throughout.
+One attack after the other until the time is over or tracking does not come back, and the verdict on what must hold throughout.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
@@ -25,7 +25,7 @@ from pathlib import Path
 from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import messages_beside
 from av_evaluation.attack.observer import Observer
-from av_evaluation.processes import MarkedProcesses, ProcessSample, age_of, launched_rig, sample, slowdown
+from av_evaluation.processes import MarkedProcesses, age_of, launched_rig, sample, slowdown
 from av_simulator.cli.arguments import positive
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
@@ -46,7 +46,6 @@ COMMANDS = '/pointing/command'
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
 IN_TIME = 'tracking and processes are back in time'
-Memory = dict[int, tuple[str, ProcessSample]]
 
 
 @dataclass
@@ -58,10 +57,8 @@ class Result:
         sent: number of messages by their topic.
         deaths: processes that ended though nobody killed them.
         found: commands that were bad, or moved what must not move.
-        ended (s): time of its end, of a kill that of the signal; None until then.
         recovery (s): from the end until tracking was back; None where it did not come back.
         most_recovery (s): that is permitted, on a machine on which nothing waits for a processor.
-        hearing (s): that is permitted in addition, on any machine.
         respawn (s): from a kill until the process was back; inf where it was not.
         slowdown: of the rig by other load, from the start of the attack until tracking was back.
         meanwhile: bearings until then by what was wrong with them.
@@ -72,10 +69,8 @@ class Result:
     sent: dict[str, int] = field(default_factory=dict)
     deaths: list[str] = field(default_factory=list)
     found: Findings = field(default_factory=Findings)
-    ended: float | None = None
     recovery: float | None = None
     most_recovery: float = MOST_RECOVERY_S
-    hearing: float = 0.0
     respawn: float = 0.0
     slowdown: float = 1.0
     meanwhile: dict[str, int] = field(default_factory=dict)
@@ -89,29 +84,27 @@ class Result:
             found.append(f'the process is back after {self.respawn:.1f} s')
         if self.recovery is None:
             found.append(f'tracking is not back {self.meanwhile}')
-        elif self.recovery > self.hearing + self.most_recovery * self.slowdown:
+        elif self.recovery > SOUND_S + self.most_recovery * self.slowdown:
             found.append(f'tracking is back after {self.recovery:.1f} s')
         return [f'{one}, {self.slowdown:.1f} times slower than alone' for one in found]
 
 
 class Attack:
-    """The attacks on one rig, each a method that takes its result, and of some the name of a process.
+    """The attacks on one rig, each a method that takes its result and the name of a process.
 
     Parameters:
         options: `minutes` of all attacks, of which the first round has all kinds; `out`, the folder for what is written; names
-            of kinds (`only`), empty for all; `seed`; `port_offset` of the rig; further arguments (`launch`).
+            of kinds (`only`), empty for all; `port_offset` of the rig.
     """
 
     def __init__(self, options: Namespace) -> None:
-        self._options, self._random = options, random.Random(options.seed)
+        self._options, self._random = options, random.Random(0)
         self._results: list[Result] = []
-        self._first: Memory = {}    # before the first attack on each process, and after the last
-        self._last: Memory = {}
+        self._memory: dict[int, tuple[str, float, float]] = {}    # by process: its name, MiB at first and at last
         self._killed: set[int] = set()
-        self._opened, self._launched = ExitStack(), ExitStack()
-        self.kinds: dict[str, Callable[[Result], None]] = {
-            'messages': self._messages, 'no inputs': self._no_inputs, 'disabled': self._disabled}
-        self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
+        self._opened = ExitStack()
+        self._kinds: dict[str, Callable[[Result, str], float]] = dict(zip(KINDS, (
+            self._messages, self._no_inputs, self._disabled, self._kill, self._stop), strict=True))
 
     def run(self) -> int:
         """Attack, print and write the results; returns 1 where a verdict fails, 2 where the attack itself fails."""
@@ -125,8 +118,7 @@ class Attack:
                     return 2
                 print(f'topics: {" ".join(self._peer.find())}', flush=True)
                 time.sleep(SETTLE_S)
-                for kind, name in self._plan():
-                    self._attack(kind, name)
+                self._attack_all()
             except KeyboardInterrupt:
                 print('attack: interrupted', file=sys.stderr)
             except (RemoteError, OSError, EOFError) as error:
@@ -137,83 +129,62 @@ class Attack:
     def _open(self) -> None:
         os.environ |= {'ROS_DOMAIN_ID': str(random.SystemRandom().randrange(1, 101)), 'CYCLONEDDS_URI': LOOPBACK_ONLY,
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        self._bags = self._opened.enter_context(tempfile.TemporaryDirectory(prefix='attack_'))
-        self._opened.callback(self._launched.close)
-        self._launch()
+        bags = self._opened.enter_context(tempfile.TemporaryDirectory(prefix='attack_'))
+        log = self._opened.enter_context((self._options.out / 'rig.log').open('wb'))
+        given = [*ARGUMENTS, f'record:={bags}/rig.mcap', f'port_offset:={self._options.port_offset}']
+        self._rig: MarkedProcesses = self._opened.enter_context(launched_rig(given, log))
         self._observer = Observer()
         self._opened.callback(self._observer.close)
         self._peer = self._opened.enter_context(messages_beside(self._options.out / 'attack.log'))
-
-    def _launch(self) -> None:
-        """Start the rig, and end the one before with all its processes."""
-        self._launched.close()
-        options = self._options
-        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.launch)]
-        given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.port_offset}', *options.launch]
-        log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
-        self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
 
     def _parts(self) -> dict[str, int]:
         """Process ids of the rig's programs by name."""
         return {name: number for number, name in self._rig.alive().items() if name.endswith('_node') or name == 'simulator'}
 
-    def _plan(self) -> Iterator[tuple[str, str]]:
-        """Kinds of attacks with the process that they concern, round after round until the time is over."""
-        kinds = [kind for kind in (*self.kinds, *self.process_kinds) if not self._options.only or kind in self._options.only]
-        self._begun, next_victims = time.monotonic(), dict[str, list[str]]()
+    def _attack_all(self) -> None:
+        """Attack by all kinds in turn, round after round, those of processes one after the other."""
+        self._begun, parts = time.monotonic(), sorted(self._parts())
+        victims = self._random.sample(parts, len(parts))
         for number in count():
-            for kind in kinds:
-                names = sorted(self._parts())
-                if not names or (number and time.monotonic() > self._begun + 60.0 * self._options.minutes):
-                    return    # the rig could not be started again, or the time is over
-                name = ''
-                if kind in self.process_kinds:
-                    left = [one for one in next_victims.get(kind, []) if one in names] or self._random.sample(names, len(names))
-                    name, *next_victims[kind] = left
-                yield kind, name
+            for shift, kind in enumerate(self._options.only or KINDS):
+                over = number and time.monotonic() > self._begun + 60.0 * self._options.minutes
+                if over or not self._attack(kind, victims[(number + shift) % len(victims)]):
+                    return
 
-    def _attack(self, kind: str, name: str) -> None:
+    def _attack(self, kind: str, name: str) -> bool:
+        """Attack once; returns whether the rig tracks again."""
         with suppress(TimeoutError):
             self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
-        result, before = Result(' '.join(filter(None, (kind, name)))), self._parts()
-        self._first = self._memory() | self._first
-        times = self._rig.run_times()
-        with self._observer.lock:
-            self._observer.commands.begin()
+        result, before = Result(f'{kind} {name}' if kind in ('kill', 'stop') else kind), self._parts()
+        self._weigh()
+        times, observer, ended = self._rig.run_times(), self._observer, time.time()
+        with observer.lock:
+            observer.commands.begin()
         try:
-            if kind in self.kinds:
-                self.kinds[kind](result)
-            else:
-                self.process_kinds[kind](result, name)
+            ended = self._kinds[kind](result, name)
         except KeyError as error:
             result.faults.append(f'{error} does not run')
-        self._judge(result)
+        with observer.lock:
+            observer.bearings.forget_truth(ended)
+        result.recovery = self._tracks(ended, PATIENCE_S)
+        with observer.lock:
+            result.meanwhile = dict(observer.bearings.faults(ended, ended + (result.recovery or PATIENCE_S)))
+            result.found = observer.commands.findings
         result.slowdown = slowdown(times, self._rig.run_times())
-        self._last |= self._memory()
+        self._weigh()
         after = set(self._parts().values())
         result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
         self._results.append(result)
         self._show(result)
-        if result.recovery is None or self._rig.process.poll() is not None:
-            self._launch()
-            self._tracks(time.time(), START_S)
-            self._observer.commands.forget()
+        return result.recovery is not None and self._rig.process.poll() is None
 
-    def _judge(self, result: Result) -> None:
-        """Wait for tracking, and collect what was observed."""
-        result.ended = since = result.ended or time.time()
-        observer = self._observer
-        with observer.lock:
-            observer.bearings.forget_truth(since)
-        result.recovery = self._tracks(since, PATIENCE_S)
-        with observer.lock:
-            result.meanwhile = dict(observer.bearings.faults(since, since + (result.recovery or PATIENCE_S)))
-            result.found = observer.commands.findings
-
-    def _memory(self) -> Memory:
-        """Measurements of each process that need no more memory than it has."""
-        taken = {number: (name, sample(number)) for name, number in self._parts().items() if age_of(number) > OLD_S}
-        return {number: (name, one) for number, (name, one) in taken.items() if one is not None}
+    def _weigh(self) -> None:
+        """Note the memory of each process that needs no more than it has."""
+        for name, number in self._parts().items():
+            taken = sample(number) if age_of(number) > OLD_S else None
+            if taken is not None:
+                _, first, _ = self._memory.get(number, (name, taken.resident, 0.0))
+                self._memory[number] = name, first, taken.resident
 
     def _tracks(self, since: float, timeout: float) -> float | None:
         """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
@@ -236,14 +207,13 @@ class Attack:
         """Attack the topics, with options of `Messages.attack`."""
         result.sent = self._peer.attack(seconds, MESSAGE_RATE, self._random.randrange(2**31), **options)
 
-    def _messages(self, result: Result) -> None:
+    def _messages(self, result: Result, _: str) -> float:
         """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
-        result.hearing = SOUND_S
-        self._send(result, stale=False)
+        self._send(result)
+        return time.time()
 
-    def _no_inputs(self, result: Result) -> None:
+    def _no_inputs(self, result: Result, _: str) -> float:
         """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
-        result.hearing = SOUND_S
         simulator = self._parts()['simulator']
         os.kill(simulator, signal.SIGSTOP)
         try:
@@ -255,18 +225,19 @@ class Attack:
                 os.kill(simulator, signal.SIGCONT)
             except ProcessLookupError:    # replaced, on a slow machine
                 self._killed.add(simulator)
+        return time.time()
 
-    def _disabled(self, result: Result) -> None:
+    def _disabled(self, result: Result, _: str) -> float:
         """Pointing is disabled, and no message moves the rig, however genuine it looks."""
-        result.hearing = SOUND_S
         if not self._peer.enable(False):
             result.faults.append('pointing could not be disabled')
-            return
+            return time.time()
         self._forbid_motion()
-        self._send(result, stale=False, spare=(COMMANDS,))
+        self._send(result, spare=(COMMANDS,))
         self._permit_motion()
         if not self._peer.enable(True):
             result.faults.append('pointing could not be enabled again')
+        return time.time()
 
     def _forbid_motion(self) -> None:
         with self._observer.lock:
@@ -277,27 +248,29 @@ class Attack:
         with self._observer.lock:
             self._observer.commands.end(time.time())
 
-    def _kill(self, result: Result, name: str) -> None:
-        """A process is killed: it runs again within MOST_RESPAWN_S."""
-        result.hearing, result.most_recovery, number = SOUND_S, MOST_RESPAWN_S, self._parts()[name]
+    def _kill(self, result: Result, name: str) -> float:
+        """A process is killed: it runs again within MOST_RESPAWN_S. Returns the time of the signal."""
+        result.most_recovery, number = MOST_RESPAWN_S, self._parts()[name]
         self._killed.add(number)
         os.kill(number, signal.SIGKILL)
-        result.sent, result.ended = {f'SIGKILL to {name}': 1}, time.time()
+        result.sent, ended = {f'SIGKILL to {name}': 1}, time.time()
         if name == 'pointing_node':
             self._observer.commands.forget()
         result.respawn = math.inf
         with suppress(TimeoutError):
             self._wait(PATIENCE_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
-            result.respawn = time.time() - result.ended
+            result.respawn = time.time() - ended
+        return ended
 
-    def _stop(self, result: Result, name: str) -> None:
+    def _stop(self, result: Result, name: str) -> float:
         """A process is stopped, and continues later."""
-        result.hearing, number = SOUND_S, self._parts()[name]
+        number = self._parts()[name]
         os.kill(number, signal.SIGSTOP)
         result.sent = {f'SIGSTOP to {name}': 1}
         time.sleep(STOPPED_S)
         with suppress(ProcessLookupError):
             os.kill(number, signal.SIGCONT)
+        return time.time()
 
     def _show(self, result: Result) -> None:
         back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
@@ -310,18 +283,13 @@ class Attack:
             print(f'         {fault}', flush=True)
 
     def _report(self) -> int:
-        grown = {name: last.resident - self._first[number][1].resident
-                 for number, (name, last) in self._last.items() if number in self._first}
-        failed = verdicts(self._results, grown)
-        lines = [table(self._results), '', '| verdict | |', '|---|---|']
-        lines += [f'| {verdict} | {"holds" if not reasons else "FAILED: " + "; ".join(reasons[:5])} |'
-                  for verdict, reasons in failed.items()]
-        text = '\n'.join(lines)
-        print(f'\n{text}', flush=True)
-        (self._options.out / 'table.md').write_text(text + '\n')
-        data = {'options': vars(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
-                'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count()}
-        (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
+        growth = {name: last - first for name, first, last in self._memory.values()}
+        failed = verdicts(self._results, growth)
+        for verdict, reasons in failed.items():
+            print(f'{verdict}: {"; ".join(reasons[:5]) or "holds"}', flush=True)
+        data = {'verdicts': failed, 'results': [asdict(result) for result in self._results], 'growth': growth,
+                'load': os.getloadavg(), 'cores': os.cpu_count()}
+        (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1) + '\n')
         return 1 if any(failed.values()) or not self._results else 0
 
 
@@ -342,30 +310,14 @@ def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, l
         IN_TIME: [f'{one.name}: {fault}' for one in results for fault in one.late]}
 
 
-def table(results: Sequence[Result]) -> str:
-    """The results in Markdown, one row for each kind of attack; of several runs of one the sum, or the worst."""
-    lines = ['| attack | runs | sent | deaths | commands | bad | moves that must not be | tracking back (s) |',
-             '|---|---|---|---|---|---|---|---|']
-    for name in dict.fromkeys(result.name for result in results):
-        runs = [result for result in results if result.name == name]
-        times = [math.inf if one.recovery is None else one.recovery for one in runs]
-        lines.append(f'| {name} | {len(runs)} | {sum(sum(one.sent.values()) for one in runs):,} '
-                     f'| {sum(len(one.deaths) for one in runs)} | {sum(one.found.commands for one in runs):,} '
-                     f'| {sum(len(one.found.bad) for one in runs)} | {sum(len(one.found.moves) for one in runs)} '
-                     f'| {max(times):.1f} |')
-    return '\n'.join(lines)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the attacks and print their table; returns 1 where a verdict fails."""
+    """Run the attacks and print the verdicts; returns 1 where one fails."""
     parser = argparse.ArgumentParser(prog='attack', description=__doc__)
     parser.add_argument('--minutes', type=positive, default=10.0, help='duration, of one round at least (%(default)g)')
     parser.add_argument('--only', action='append', default=[], choices=KINDS, metavar='ATTACK',
                         help=f'one kind of attack, may be repeated: {", ".join(KINDS)}')
-    parser.add_argument('--out', type=Path, help='folder for the table, the data and what the rig prints')
-    parser.add_argument('--seed', type=int, default=0, help='of all random values (%(default)s)')
+    parser.add_argument('--out', type=Path, help='folder for all figures and what the rig prints')
     parser.add_argument('--port-offset', type=int, default=0, help='of the UDP ports, beside another rig')
-    parser.add_argument('launch', nargs='*', metavar='NAME:=VALUE', help='further arguments of rig.launch.py')
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     options.out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
