@@ -182,7 +182,7 @@ def generate_launch_description():
 @pytest.mark.system
 @pytest.mark.parametrize('option', ['', '--symlink-install'])
 def test_launch_and_configuration_files_are_installed(tmp_path, option):
-    for name in ('src/av_bringup', 'src/av_fusion', 'launch', 'config'):
+    for name in ('src/av_common', 'src/av_bringup', 'src/av_fusion', 'launch', 'config'):
         shutil.copytree(PROJECT / name, tmp_path / name, symlinks=True)
     (tmp_path / 'config/deep/er').mkdir(parents=True)
     (tmp_path / 'config/deep/er/new.yaml').write_text('a: 1')
