@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.config_reader import bounded, load
-from av_common.frames import BASE_FRAME, FLU_TO_OPTICAL, rotation_from_rpy
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 
 Vector = tuple[float, float, float]
@@ -152,7 +152,6 @@ class Rig:
         camera: the camera.
         second_camera: another one, such as a thermal one beside a visible one; None without one.
         gimbal: the gimbal that carries the cameras; None where they are fixed to the body.
-        base_frame: name of the body's frame, which is that of REP-105.
 
     Raises ValueError for two cameras with a frame of one name.
     """
@@ -161,7 +160,6 @@ class Rig:
     camera: CameraMount = field(default_factory=CameraMount)
     second_camera: CameraMount | None = None
     gimbal: GimbalMount | None = None
-    base_frame: str = bounded(BASE_FRAME, choices=(BASE_FRAME,))
 
     def __post_init__(self) -> None:
         frames = [name for camera in self.cameras.values() for name in (camera.frame, camera.optical_frame)]

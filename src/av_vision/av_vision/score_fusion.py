@@ -1,10 +1,7 @@
 """Fusion of the class scores of one object in successive images to one posterior probability for each class.
 
-Model: the log-odds from one image, minus those of the prior, are normal with equal variance for objects of the class and for
-others. They are calibrated like the probability from one image (difference of the means = variance). The errors in any two
-images of one object have the same correlation: only their uncorrelated part averages out.
-The mean of n such values is a sufficient statistic; its log-likelihood ratio is the mean divided by
-correlation + (1 - correlation) / n (Gaussian discrimination with equal covariances, Bishop 2006, sec. 4.2.1).
+The errors in any two images of one object are the same but for what averages out: the posterior has the mean of the log-odds of
+its images, and many images are no surer than that.
 """
 
 from __future__ import annotations
@@ -32,14 +29,14 @@ class ScoreFusionModel:
 
     Parameters:
         prior (log-odds): prior of a class among all candidates of a detector.
-        correlation (0-1): correlation of the log-odds in any two images of one object.
+        correlation: of the log-odds in any two images of one object; only 1 is supported.
         memory_s (s): time in which the weight of an image falls to 1/e; 0 treats images independently.
         floor (0-1): least probability of a candidate box. Images without one say nothing: all things are missed alike.
         threshold (0-1): least posterior of a detection; 0 uses the detector's threshold.
     """
 
     prior: float = bounded(0.0, low=-20.0, high=20.0)
-    correlation: float = bounded(1.0, low=0.0, high=1.0)
+    correlation: float = bounded(1.0, low=1.0, high=1.0)
     memory_s: float = bounded(0.0, low=0.0)
     floor: float = bounded(0.0, low=0.0, high=1.0)
     threshold: float = bounded(0.0, low=0.0, high=1.0)
@@ -67,8 +64,7 @@ class ScoreFusion:
 
     def __init__(self, model: ScoreFusionModel, classes: int) -> None:
         self._model = model
-        self._sum, self._weight, self._squared_weight = np.zeros(classes), 0.0, 0.0
-        self._time = -np.inf
+        self._sum, self._weight, self._time = np.zeros(classes), 0.0, -np.inf
 
     def add(self, probabilities: ArrayLike, time: float) -> None:
         """Add an image.
@@ -81,7 +77,6 @@ class ScoreFusion:
         kept = np.exp((self._time - time) / model.memory_s) if model.memory_s > 0.0 and self._weight else 0.0
         self._sum = kept * self._sum + logit(probabilities)
         self._weight = kept * self._weight + 1.0
-        self._squared_weight = kept**2 * self._squared_weight + 1.0
         self._time = time
 
     @property
@@ -89,13 +84,6 @@ class ScoreFusion:
         """Weighted mean (classes,) of the log-odds of the images."""
         return self._sum / self._weight
 
-    @property
-    def count(self) -> float:
-        """Effective number of images: (sum of weights)^2 / sum of squared weights (Kish 1965)."""
-        return self._weight**2 / self._squared_weight
-
     def probabilities(self) -> NDArray[np.float64]:
         """Posterior probabilities (classes,)."""
-        model = self._model
-        spread = model.correlation + (1.0 - model.correlation) / self.count
-        return np.asarray(1.0 / (1.0 + np.exp(-model.prior - (self.mean - model.prior) / spread)))
+        return np.asarray(1.0 / (1.0 + np.exp(-self.mean)))

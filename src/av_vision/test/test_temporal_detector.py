@@ -14,7 +14,7 @@ from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector, DetectorSettings
 
 NAMES = {'names': "{0: 'bird', 1: 'drone'}", 'score_threshold': '0.5'}
-TIMED = {**NAMES, 'score_fusion': json.dumps({'prior': -1.0, 'correlation': 0.6, 'memory_s': 3.0, 'floor': 0.02})}
+TIMED = {**NAMES, 'score_fusion': json.dumps({'prior': -1.0, 'correlation': 1.0, 'memory_s': 3.0, 'floor': 0.02})}
 IMAGE = np.zeros((416, 416, 3), np.uint8)
 BOX = (96.0, 160.0, 160.0, 200.0)
 
@@ -47,8 +47,7 @@ def test_a_weak_image_of_a_certain_object_is_still_a_drone(tmp_path):
     assert alone[2] is None
     timed = play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1))
     weights = np.exp([-0.2 / 3, -0.1 / 3, 0.0])
-    mean, count = weights @ logit([0.9, 0.9, 0.3]) / weights.sum(), weights.sum() ** 2 / (weights**2).sum()
-    assert timed[2] == (pytest.approx(expit(-1.0 + (mean + 1.0) / (0.6 + 0.4 / count)), abs=1e-3), 1)
+    assert timed[2] == (pytest.approx(expit(weights @ logit([0.9, 0.9, 0.3]) / weights.sum()), abs=1e-3), 1)
     assert play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1), temporal_fusion=False)[2] is None
 
 
@@ -76,7 +75,7 @@ def test_tracks_have_a_threshold_of_their_own_unless_the_user_sets_one(tmp_path)
 
 def test_motion_counts_against_what_flies_straight(tmp_path):
     gain, neutral = 1.0, 1.4
-    model = detector(tmp_path, 0.8, {**TIMED, 'motion': json.dumps({'gain': gain, 'neutral': neutral})})
+    model = detector(tmp_path, 0.95, {**TIMED, 'motion': json.dumps({'gain': gain, 'neutral': neutral})})
     times = np.arange(31) / 15.0
     scores = {}
     for name, bent in (('straight', 0.0), ('bent', 1.5)):
@@ -84,7 +83,7 @@ def test_motion_counts_against_what_flies_straight(tmp_path):
         for time in times:
             x, y = 100.0 + 20.0 * time, 100.0 + 0.5 * bent * 20.0 * time**2  # sizes of 20 pixels
             box = np.array([[x - 10, y - 10, x + 10, y + 10]], np.float32)
-            found, _ = detection.fuse(Candidates(box, np.array([[0.01, 0.8]], np.float32)), time)
+            found, _ = detection.fuse(Candidates(box, np.array([[0.01, 0.95]], np.float32)), time)
         scores[name] = float(found.scores[0])
     assert scores['straight'] - scores['bent'] < 0.0
     difference = logit(scores['bent']) - logit(scores['straight'])

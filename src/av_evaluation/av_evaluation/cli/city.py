@@ -10,7 +10,6 @@ import argparse
 import json
 import multiprocessing
 import multiprocessing.synchronize
-import resource
 import sys
 import threading
 import time
@@ -125,7 +124,7 @@ def _rigs(options: argparse.Namespace, ready: Any, told: Any, stop: multiprocess
             session.put(keys[rig], data)
             counts.update({'sent': 1, 'sent bytes': len(data)})
         stop.wait(GRACE_S)
-    results.put(Traffic('rigs', counts, _cpu()))
+    results.put(Traffic('rigs', counts, time.process_time()))
 
 
 def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiprocessing.synchronize.Event, results: Any) -> None:
@@ -151,7 +150,7 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
                 due = max(due + 1.0 / OUTPUT_HZ, time.time() - 1.0)
                 _publish(session, cells, counts)
             time.sleep(min(STEP_S, max(due - time.time(), 0.0)))
-    results.put(Traffic(f'cells {share + 1}', counts, _cpu(), delays))
+    results.put(Traffic(f'cells {share + 1}', counts, time.process_time(), delays))
 
 
 def _take(sample: Any, takers: Sequence[Cell], counts: Counter[str], delays: list[float]) -> None:
@@ -203,11 +202,6 @@ def _started(context: Any, target: Callable[..., None], *values: Any) -> Any:
     process = context.Process(target=target, args=values, daemon=True)
     process.start()
     return process
-
-
-def _cpu() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
 
 
 def _grid(options: argparse.Namespace) -> Grid:

@@ -14,6 +14,7 @@ from av_common.angles import wrap
 from av_network import sphere
 from av_network.observation import Report, Sighting
 
+REPORT_PERIOD_S, LASTING_S, SOUND_SPEED = 0.25, 2.0, 343.2  # of a rig's reports, of lasting errors; m/s
 Trajectory = Callable[[float], NDArray[np.float64]]
 
 
@@ -26,27 +27,22 @@ class SensingModel:
     Parameters:
         rate (Hz): of the measurements.
         sound_sigma (2,), sight_sigma (2,) (rad): of the azimuth (times cos(elevation)) and of the elevation.
-        report_period (s): between two reports of a rig.
         presence: share of the time for which a drone is measured by a rig.
         dwell (s): mean duration of the spells for which it is.
         seen: probability that it is seen, and not only heard, in such a spell.
         clutter_rate (Hz): of false tracks of each rig, which last for 1 s on average.
-        sound_speed (m/s): speed of sound.
-        lasting (rad): standard deviation of an error along each axis that is not stated, of a calibration or of a box.
-        lasting_time (s): in which that falls to 1 / e of itself.
+        lasting (rad): standard deviation of an error along each axis that is not stated, of a calibration or of a box,
+            which falls to 1 / e of itself in LASTING_S.
     """
 
     rate: float = 10.0
     sound_sigma: tuple[float, float] = (math.radians(3.0), math.radians(5.0))
     sight_sigma: tuple[float, float] = (math.radians(0.5), math.radians(0.5))
-    report_period: float = 0.25
     presence: float = 1.0
     dwell: float = 3.0
     seen: float = 0.5
     clutter_rate: float = 0.0
-    sound_speed: float = 343.2
     lasting: float = 0.0
-    lasting_time: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -156,7 +152,7 @@ class NetworkSimulation:
     def _reports(self, rig: RigModel) -> list[Arrival]:
         sensing, random = rig.sensing or self.sensing, self._random
         step = 1.0 / sensing.rate
-        phase, due = random.uniform(0.0, step), random.uniform(0.0, sensing.report_period)
+        phase, due = random.uniform(0.0, step), random.uniform(0.0, REPORT_PERIOD_S)
         spells: dict[int, _Spell] = {}
         false: list[_Spell] = []
         names = iter(range(1, 10**6))
@@ -169,7 +165,7 @@ class NetworkSimulation:
                 self.origins[rig.name, spell.id] = drone
             false = self._false_tracks(sensing, false, names, float(time))
             if time >= due:
-                due += sensing.report_period
+                due += REPORT_PERIOD_S
                 found += self._send(rig, float(time), [spell for spell in (*spells.values(), *false) if spell.times])
         return found
 
@@ -200,11 +196,11 @@ class NetworkSimulation:
         """Where the drone was when it emitted what is received at `time`, by fixed-point iteration."""
         origin, emitted = np.array(rig.position), time
         for _ in range(0 if spell.seen else 4):
-            emitted = time - float(np.linalg.norm(drone(emitted) - origin)) / self.sensing.sound_speed
+            emitted = time - float(np.linalg.norm(drone(emitted) - origin)) / SOUND_SPEED
         offset = drone(emitted) - origin
         azimuth, sensing = math.atan2(offset[1], offset[0]) - rig.heading_error, rig.sensing or self.sensing
         if sensing.lasting:
-            kept = math.exp((spell.erred - time) / sensing.lasting_time)
+            kept = math.exp((spell.erred - time) / LASTING_S)
             fresh = sensing.lasting * math.sqrt(1.0 - kept**2) * self._random.normal(size=2)
             spell.error, spell.erred = kept * spell.error + fresh, time
         self._follow(spell, np.array([azimuth, math.atan2(offset[2], math.hypot(offset[0], offset[1]))]), time)
