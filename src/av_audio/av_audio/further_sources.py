@@ -59,7 +59,7 @@ class FurtherSources(SteeredResponse):
         self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
-        self._neighbours = neighbours[:, 1:]
+        self._neighbours = np.ascontiguousarray(neighbours[:, 1:].T)
         wavelength = speed_of_sound / (float(frequencies.mean()) * array.aperture)
         self._apart, self._resolved = SEPARATION * wavelength, RESOLVED * wavelength
 
@@ -179,10 +179,11 @@ class FurtherSources(SteeredResponse):
         is left of a source where it is weak: that is measured in bands and removed.
         """
         pairs = len(self._baselines.pairs)
-        steering = [np.exp(1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega) for q in found]
-        agreement = [(phases * one.conj()[:, None]).real.sum(axis=0) / pairs for one in steering]
+        angles = [(self._slowness @ q).astype(np.float32)[:, None] * self._omega for q in found]
+        steering = [np.cos(each) + 1j * np.sin(each) for each in angles]
+        agreement = [np.einsum('unj,uj->nj', phases, one.conj()).real / pairs for one in steering]
         kept = (phases[0] != 0.0) & np.all(np.less(agreement, np.cos(AGREES_RAD)), axis=0)
-        others, count = (phases * kept).sum(axis=1), kept.sum(axis=0)
+        others, count = np.einsum('unj,nj->uj', phases, kept.astype(np.float32)), kept.sum(axis=0)
         for one in steering:
             if pairs == 1:
                 share = np.full(len(count), -np.sin(AGREES_RAD) / (np.pi - AGREES_RAD * len(found)))
@@ -201,7 +202,7 @@ class FurtherSources(SteeredResponse):
         weighted = self._without(phases, found)
         curve = self.curve(weighted)
         free = self._are_apart(found)
-        tops = free & (curve >= curve[self._neighbours].max(axis=1))    # a slope of those found is none
+        tops = free & (curve >= curve[self._neighbours].max(axis=0))    # a slope of those found is none
         if not tops.any():
             return None
         curve = np.where(free, curve, 0.0)
@@ -209,4 +210,4 @@ class FurtherSources(SteeredResponse):
 
     def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
         """Which points of the grid (g,) are other directions than those found."""
-        return np.all([np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
+        return np.all([np.linalg.norm(self._axes - q[:, None], axis=0) > self._apart for q in found], axis=0)

@@ -64,9 +64,9 @@ class NearField:
         if not self._usable:
             return 0.0
         blocks = spectra[:, :self._bands * SNAPSHOTS].reshape(len(spectra), self._bands, SNAPSHOTS)
-        powers = np.maximum(np.mean(np.abs(blocks) ** 2, axis=2), TINY)
+        powers = np.maximum(np.einsum('mbn,mbn->mb', blocks, blocks.conj()).real, TINY)
         first, second = self._pairs.T
-        cross: NDArray = np.mean(blocks[first] * blocks[second].conj(), axis=2)
+        cross: NDArray = np.einsum('pbn,pbn->pb', blocks[first], blocks[second].conj())
         coherence = np.minimum(np.abs(cross) ** 2 / powers[first] / powers[second], 1.0)
         levels = 0.5 * (np.log(powers[first]) - np.log(powers[second]))
         paths, possible = self._paths(np.arctan2(cross.imag, cross.real))

@@ -45,22 +45,23 @@ class Reflections:
         self._places = array.positions @ array.basis / speed_of_sound  # (m, rank)
         self._slowness = (self._baselines.vectors @ array.basis / speed_of_sound).astype(np.float32)  # (u, rank)
         first, second = array.positions[self._baselines.pairs.T]
-        # Pairs and frequencies of which half a wavelength is less; of a small array, as far as it reaches.
-        reach = np.outer(np.linalg.norm(first - second, axis=1) / speed_of_sound, self._omega[1:])
-        self._apart = (reach > min(np.pi, 0.5 * float(reach.max()))).astype(np.float32)
-        self._by_chance = math.sqrt(0.5 * float(self._apart.sum()))  # of the sum of so many products of any phase
+        # Pairs from the bin on at which half a wavelength is less; of a small array, as far as it reaches.
+        delays = np.linalg.norm(first - second, axis=1) / speed_of_sound
+        least = min(np.pi, 0.5 * float(delays.max() * self._omega[-1])) / delays
+        begins = np.searchsorted(self._omega[1:], least, side='right').tolist()
+        self._apart = list(zip(*self._baselines.pairs.T.tolist(), begins, strict=True))
+        products = len(begins) * (len(frequencies) - 1) - sum(begins)
+        self._by_chance = math.sqrt(0.5 * products)  # of the sum of so many products of any phase
         self._from = COSINES if array.rank == 1 else direction_grid(3, POINTS_PER_UNIT) @ array.basis
 
     def ratio(self, spectra: NDArray, q: NDArray) -> float:
         """Reflected over direct power in spectra (m, k) of a source at q (rank,)."""
         angles = (self._places @ q).astype(np.float32)[:, None] * self._omega
         unit = spectra / np.maximum(np.abs(spectra), np.finfo(np.float32).tiny) * (np.cos(angles) - 1j * np.sin(angles))
-        first, second = self._baselines.pairs.T
-        phases = unit[first] * unit[second].conj()
-        both, real = phases[:, 1:] * self._apart, phases[:, :-1]
-        alike = float(np.sum(both.real * real.real))
-        turned = float(np.sum(both.imag * real.imag))
-        return max(0.0, math.sqrt(max(0.0, alike + turned) / max(alike - turned, self._by_chance)) - 1.0)
+        rising, adding = unit[:, 1:] * unit[:, :-1].conj(), unit[:, 1:] * unit[:, :-1]  # of neighbouring bins
+        whole = sum(np.vdot(rising[j, begin:], rising[i, begin:]).real for i, j, begin in self._apart)
+        direct = sum(np.vdot(adding[j, begin:], adding[i, begin:]).real for i, j, begin in self._apart)
+        return max(0.0, math.sqrt(max(0.0, float(whole)) / max(float(direct), self._by_chance)) - 1.0)
 
     def pull(self, coherence: NDArray, omega: NDArray, hessian: NDArray, q: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q (rank,) by reflections as strong as their source, from anywhere.
@@ -74,7 +75,7 @@ class Reflections:
             q (rank,): the peak.
         """
         delays = ((self._from - q) @ self._slowness.T).astype(np.float32)
-        slopes = np.einsum('guc,uc,ur->gr', np.sin(delays[..., None] * omega), coherence * omega, self._slowness, optimize=True)
+        slopes = np.einsum('guc,uc->gu', np.sin(delays[..., None] * omega), coherence * omega) @ self._slowness
         shifts = np.linalg.solve(hessian, slopes.T)
         mean = shifts.mean(axis=1)
         return np.outer(mean, mean) + np.atleast_2d(np.cov(shifts, bias=True)) / WALLS

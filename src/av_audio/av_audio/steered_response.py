@@ -81,6 +81,7 @@ class SteeredResponse:
         angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self.grid = direction_grid(array.rank, array.aperture / speed_of_sound / step)
+        self._axes = np.ascontiguousarray(self.grid.T)  # (rank, g): sums over axes are faster by rows
         self._to_grid = _interpolation(self.grid @ self._slowness.T, reach, 2 * len(delays) - 1)
 
     def highest_peak(self, spectra: NDArray, weighted: NDArray) -> Peak:
@@ -164,7 +165,7 @@ class SteeredResponse:
         rank = len(q)
         # half-width of a lobe: a quarter period of the mean frequency of the peak
         lobe = 0.5 * np.pi * np.sqrt(height * rank / np.trace(hessian))
-        outside = np.abs(self.grid - q).max(axis=1) > lobe
+        outside = np.abs(self._axes - q[:, None]).max(axis=0) > lobe
         cell = (2.0 * MARGIN) ** rank / len(self.grid)
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = math.sqrt((2.0 * np.pi) ** rank * max(float(np.linalg.det(covariance)), 0.0))
