@@ -130,6 +130,15 @@ def test_in_rooms_what_is_wrong_does_not_pass(contract, windows):
     contract(at_most('beyond 20 deg, of what passes', float(np.mean(error[confidence > 0.3] > 20.0)), 0.03))
 
 
+def test_in_rooms_a_confidence_is_no_less_than_it_says(contract, windows):
+    """Of what passes any confidence, as many are wrong as the confidences state, or fewer."""
+    error, _, confidence, _ = windows.T
+    for least in (0.3, 0.5, 0.7, 0.9):
+        passed = confidence >= least
+        contract(at_most(f'beyond 20 deg, of what passes {least:g}, less what is stated',
+                         float(np.mean(error[passed] > 20.0) - np.mean(1.0 - confidence[passed])), 0.0))
+
+
 def test_in_rooms_fusing_is_no_worse_than_a_window(contract, windows):
     """A source and a rig at rest for 4 s: the bearing, mirror images folded, is at least as good as the median window."""
     errors, normalised = [], []
