@@ -32,19 +32,22 @@ class Directions(NamedTuple):
     variances: Array
 
 
-def undo_delay_curve(array: MicrophoneArray, q: Array) -> tuple[Array, Array | float]:
-    """Projection q (rank,) with the array's delay curve undone, and the derivative of the result by q.
+def undo_delay_curve(array: MicrophoneArray, q: Array, *covariances: Array) -> tuple[Array, tuple[Array, ...]]:
+    """Projection q (rank,) and its covariances (rank, rank) with the array's delay curve undone.
+
+    A variance becomes the square of the larger deviation one sigma away: beside an ear the curve is bent within that.
 
     Parameters:
         array: the microphones.
         q (rank,): measured projection.
+        covariances (rank, rank): of what counts as its error.
     """
     curve = array.delay_curve
     if curve is None:
-        return q, 1.0
-    step = 1e-3
-    slope = (curve.true_cosine(q + step) - curve.true_cosine(q - step)) / (2.0 * step)
-    return curve.true_cosine(q), slope
+        return q, covariances
+    found, sigmas = curve.true_cosine(q), np.sqrt(covariances)
+    apart = np.abs([curve.true_cosine(q + side * sigmas) - found for side in (-1.0, 1.0)])
+    return found, tuple(apart.max(axis=0) ** 2)
 
 
 def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Directions:
@@ -122,7 +125,8 @@ def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float,
         return min(max(cosine, -1.0), 1.0), math.inf
     angle, deviation = angle_to_axis(cosine, sigma)
     if total_sigma != sigma:
-        _, deviation = angle_to_axis(cosine, total_sigma)
+        mean, deviation = angle_to_axis(cosine, total_sigma)
+        deviation = math.hypot(deviation, mean - angle)
     return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.near_field import NearField
 from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
+from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
 
 FULL_SCALE = 0.999  # amplitude from which a sample is clipped
@@ -235,17 +237,17 @@ class Localizer:
 
     def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float, own: float
                      ) -> DoaEstimate:
-        q, slope = undo_delay_curve(self.array, peak.q)
         bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
-        covariance = slope**2 * (peak.covariance + bias)
+        q, (alone, covariance) = undo_delay_curve(self.array, peak.q, peak.covariance, peak.covariance + bias)
         angles, variances = to_directions(self.array, q, covariance)
         if self.array.rank == 1 and bias.any():  # the mean angle does not count them: where reflections shift it is unknown
-            angles = to_directions(self.array, q, slope**2 * peak.covariance).angles
+            mean, angles = angles, to_directions(self.array, q, alone).angles
+            variances = variances + wrap(mean - angles) ** 2
         kept = within_elevations(self.array, angles, self._elevations)
         count = int(kept.sum())
         cosine, cosine_variance = np.nan, np.nan
         if self.array.rank == 1:
-            sigma, total_sigma = np.sqrt([float((slope**2 * peak.covariance)[0, 0]), float(covariance[0, 0])])
+            sigma, total_sigma = math.sqrt(float(alone[0, 0])), math.sqrt(float(covariance[0, 0]))
             cosine, cosine_variance = cone_cosine(float(q[0]), sigma, total_sigma)
         return DoaEstimate(
             centre / self.sample_rate, centre, azimuth=angles[0, kept], elevation=angles[1, kept],
