@@ -211,10 +211,10 @@ class TestPackageFiles:
         for name in ('av_common', 'av_pointing'):
             shutil.copytree(PROJECT / 'src' / name, tmp_path / name)
         file = tmp_path / 'av_pointing/package.xml'
-        file.write_text(file.read_text().replace('<exec_depend>av_common<', '<exec_depend>av_fusion<'))
+        file.write_text(file.read_text().replace('<exec_depend>av_interfaces<', '<exec_depend>av_fusion<'))
         result = lint('package_dependencies', tmp_path / 'av_pointing')
         assert result.returncode == 1
-        assert 'exec_depend av_common is missing' in result.stdout
+        assert 'exec_depend av_interfaces is missing' in result.stdout
         assert 'exec_depend av_fusion is not imported' in result.stdout
 
     def test_tests_import_nothing_that_needs_the_package(self, tmp_path):
