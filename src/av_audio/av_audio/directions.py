@@ -50,7 +50,7 @@ def undo_delay_curve(array: MicrophoneArray, q: Array, *covariances: Array) -> t
     return found, tuple(apart.max(axis=0) ** 2)
 
 
-def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Directions:
+def to_directions(array: MicrophoneArray, q: Array, covariance: Array, alone: Array | None = None) -> Directions:
     """All mirror-image directions of a projection q (rank,) with its covariance (rank, rank).
 
     The variances come from points one sigma away along the axes of the covariance; of both sides the larger deviation counts.
@@ -59,12 +59,14 @@ def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Direct
         array: the microphones.
         q (rank,): projection of the direction on the basis of the array.
         covariance (rank, rank): its covariance.
+        alone (rank, rank): that without reflections, by which the angle to a line is estimated; None for the same.
     """
     if not np.all(np.isfinite(covariance)):
         angles = np.array(direction_to_angles(array.hypotheses(q)))
         return Directions(angles, np.full_like(angles, np.inf))
     if array.rank == 1:
-        angle, sigma = angle_to_axis(float(q[0]), math.sqrt(covariance[0, 0]))
+        alone = covariance if alone is None else alone
+        angle, sigma = angle_to_axis(float(q[0]), math.sqrt(alone[0, 0]), math.sqrt(covariance[0, 0]))
         axis = array.basis[:, 0]
         if axis[2] == 0.0:  # closed form of the most frequent case
             turn = math.atan2(axis[1], axis[0])
@@ -123,24 +125,32 @@ def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float,
     """
     if not math.isfinite(total_sigma):
         return min(max(cosine, -1.0), 1.0), math.inf
-    angle, deviation = angle_to_axis(cosine, sigma)
-    if total_sigma != sigma:
-        mean, deviation = angle_to_axis(cosine, total_sigma)
-        deviation = math.hypot(deviation, mean - angle)
+    angle, deviation = angle_to_axis(cosine, sigma, total_sigma)
     return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
 
 
 @lru_cache(maxsize=4)  # the azimuths and the cosine of a window need the same
-def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
-    """Mean and standard deviation in rad of the angle whose cosine was measured with a normal error `sigma`.
+def angle_to_axis(cosine: float, sigma: float, total_sigma: float) -> tuple[float, float]:
+    """Estimated angle in rad, whose cosine was measured with a normal error, and the root mean square of its error.
 
     The posterior mean under a uniform prior of the angle. Unlike arccos, it has no bias and no infinite derivative at
-    end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin.
+    end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin. Reflections do
+    not move the estimate, as where they shift it is unknown; the error is that about it.
 
     Parameters:
         cosine: measured cosine.
-        sigma: standard deviation of its error.
+        sigma: standard deviation of its error without reflections.
+        total_sigma: standard deviation of its error with reflections.
     """
+    angle, deviation = _posterior(cosine, sigma)
+    if total_sigma != sigma:
+        mean, deviation = _posterior(cosine, total_sigma)
+        deviation = math.hypot(deviation, mean - angle)
+    return angle, deviation
+
+
+def _posterior(cosine: float, sigma: float) -> tuple[float, float]:
+    """Posterior mean and standard deviation; see `angle_to_axis`."""
     nearest, furthest = (math.acos(max(-1.0, min(1.0, cosine + side * sigma))) for side in (5.0, -5.0))
     angles = nearest + (furthest - nearest) * POSTERIOR_GRID
     deviations = ((np.cos(angles) - cosine) / max(sigma, 1e-9)) ** 2

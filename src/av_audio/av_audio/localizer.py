@@ -19,7 +19,6 @@ from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.near_field import NearField
 from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
-from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
 
 FULL_SCALE = 0.999  # amplitude from which a sample is clipped
@@ -239,10 +238,7 @@ class Localizer:
                      ) -> DoaEstimate:
         bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
         q, (alone, covariance) = undo_delay_curve(self.array, peak.q, peak.covariance, peak.covariance + bias)
-        angles, variances = to_directions(self.array, q, covariance)
-        if self.array.rank == 1 and bias.any():  # the mean angle does not count them: where reflections shift it is unknown
-            mean, angles = angles, to_directions(self.array, q, alone).angles
-            variances = variances + wrap(mean - angles) ** 2
+        angles, variances = to_directions(self.array, q, covariance, alone)
         kept = within_elevations(self.array, angles, self._elevations)
         count = int(kept.sum())
         cosine, cosine_variance = np.nan, np.nan
