@@ -21,7 +21,6 @@ from av_common.launched import RUN_FOLDER
 
 MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
 PORTS = 250  # between those of two rigs
-HEIGHT_M = 1.5
 BEGIN_S = 3.0  # for each rig, and once more, from the launch to the beginning of the scenario, in which all processes start
 ARGUMENTS = {
     'rigs': ('3', f'number of rigs, 1 to {MOST_RIGS}; their namespaces are rig1, rig2 ...', None),
@@ -61,7 +60,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> list[LaunchDescriptionEntity]:
     """One rig, with a world of its own that equals that of the others."""
     angle = math.tau * index / len(names)
-    place = (radius * math.cos(angle), radius * math.sin(angle), HEIGHT_M, math.degrees(angle) - 180.0)
+    place = (radius * math.cos(angle), radius * math.sin(angle), 1.5, math.degrees(angle) - 180.0)
     values = {'namespace': names[index], 'port_offset': str(PORTS * index), 'begin': f'{begin:.3f}', 'monitor': 'false',
               'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0', 'view': 'false', 'bags': '',
               **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security', 'cue')}}

@@ -13,14 +13,13 @@ from scipy.spatial import cKDTree
 from av_audio.drift import is_positive
 from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
-from av_common.microphone_array import MicrophoneArray
+from av_common.microphone_array import PLACED_M, MicrophoneArray
 
 CLUSTER_HZ = 250.0  # between clusters of bands of this width errors are independent
-PLACED_M = 0.5e-3  # to which microphones are at the places that the array file states
 # Of the trace, added to a covariance before it is inverted: the coherence that a source loses at 4.5 kHz between microphones
 # 0.2 m apart when it moves by 2 degrees within a window. With less, bands have peaks narrower than the errors of the model.
 LOADING = 0.03
-GRID_POINTS_PER_PERIOD = 4.0
+GRID_POINTS_PER_PERIOD = 4.0  # of the highest band: neighbours differ by 90 deg of phase between the outermost microphones
 REFINEMENTS = 5  # of a maximum on the grid, by the best of its neighbours, each with half of the step
 # Least standard deviation of the significance of noise, of which a recording has few windows.
 LEAST_SPREAD = 0.3
@@ -116,7 +115,7 @@ class BandSearch:
         self._cell = (2.0 * MARGIN, np.pi * MARGIN**2, 4.0 * np.pi)[array.rank - 1] / len(self.grid)
         _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
         self._neighbours = neighbours[:, 1:]
-        self._placed = (PLACED_M / array.aperture) ** 2
+        self._placed = (0.5 * PLACED_M / array.aperture) ** 2  # the tolerance is two standard deviations
         self._listen([self._bands(spectra) for spectra in recording])
 
     def _listen(self, windows: list[NDArray]) -> None:

@@ -14,12 +14,11 @@ from scipy.optimize import lsq_linear
 from scipy.stats import binom, norm
 
 from av_audio.localizer import DoaEstimate
+from av_common.acoustics import BODY_STRETCH
 from av_common.angles import wrap
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 
 MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of the axis
-# A body lengthens delays of low frequencies by up to this factor (Kuhn, 1977).
-SEARCH_STRETCH = 1.5
 MIN_CONFIDENCE = 0.9    # as of directions that fusion uses
 # Consensus: trials of two estimates for each rotation of the axis, and the largest misfit in baselines that agrees. With steps
 # of 5 degrees or 50 trials no error changes by a tenth; half of the misfit makes those of few estimates a fifth larger.
@@ -90,7 +89,7 @@ class Calibration:
 
 def search_array(array: MicrophoneArray) -> MicrophoneArray:
     """The array with which delays for `calibrate` are measured: no delay curve, and long enough for the longest delays."""
-    return MicrophoneArray(_stretched_and_rotated(array, SEARCH_STRETCH, 0.0), array.name)
+    return MicrophoneArray(_stretched_and_rotated(array, BODY_STRETCH, 0.0), array.name)
 
 
 def measured_path(array: MicrophoneArray, estimates: Iterable[DoaEstimate]) -> tuple[NDArray, NDArray]:

@@ -19,7 +19,7 @@ from av_audio.file_source import pick_channels
 
 READY = b'ready\n'
 HEADER = struct.Struct('<d?')  # age in s of the first sample when the block is written; whether samples were lost before it
-COMMON_RATES = (8000, 16_000, 22_050, 32_000, 44_100, 48_000, 96_000, 192_000)
+COMMON_RATES = (8000, 16_000, 22_050, 32_000, 44_100, 48_000, 96_000, 192_000)  # Hz, of converters
 
 
 def load_sounddevice() -> Any:

@@ -28,7 +28,7 @@ NEIGHBOURS = (3, 6, 10, 16)  # steps from the best fundamental, at which the com
 SHIFTS = 8  # largest change of the fundamental within a segment, in steps
 LEAST_PROMINENCE = 1.5  # of a line, as opposed to a chance maximum
 TONE_BINS = 5  # over which a line of rotors with different speeds extends
-LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)
+LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)  # edges of the bands in which lines are counted
 # The comb of a shaft's frequency has lines of imbalance between those of the blades. A multiple is the blade-pass frequency
 # where the strongest line between its harmonics has less than this ratio of the strongest harmonic's power. For twice it is
 # smaller: reflections may weaken every second line of a true comb.

@@ -15,7 +15,7 @@ from av_common.microphone_array import MicrophoneArray
 
 LEVELS_DB = tuple(range(-10, 41, 5))  # of own noise over a target within the band
 WINDOWS = 12  # judged at each level
-WRONG_RAD = np.radians(20.0)
+WRONG_RAD = np.radians(20.0)  # as in all reports of errors: `OUTLIER_DEG` of av_evaluation
 FEW, HALF = 0.1, 0.5  # shares of wrong windows up to which a target is heard, and from which the rig is deaf
 PIECE_S = 1.0  # every other one is known, the rest is judged: all throttles are in both
 

@@ -12,7 +12,7 @@ from scipy import fft
 
 from av_audio.channel_order import ChannelOrder
 from av_audio.spacing import CLEARER, LONGEST_S, PEAK_SIGMAS, WINDOW_S, delay_curve
-from av_common.acoustics import speed_of_sound
+from av_common.acoustics import BODY_STRETCH, speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
 DEAD_DBFS = -100.0    # noise of 16 bits has -101
@@ -24,8 +24,6 @@ TOP, LEAST_SPIKE, CLIPPED_SHARE = 0.005, 4.0, 1e-3
 COPY_SHARE, COPY_RESIDUAL = 1e-3, 4.0 * 2.0**-30 / 12.0    # of the power; twice the quantisation of 16 bits in each
 OCTAVES_HZ = 125.0 * 2.0 ** np.arange(6)    # lower edges
 INCOHERENT = 1e-3    # probability that noise alone is as coherent in an octave
-# A body makes delays of low frequencies 1.5 times as long (Kuhn, 1977).
-BODY = 1.5
 # Cumulative sums of log-likelihood ratios (Page, 1954): on average a million windows, 70 h, pass until one is false (Lorden,
 # 1971). Of nine windows that can tell, eight tell the truth.
 ALARM = math.log(1e6)
@@ -79,8 +77,8 @@ class ChannelHealth:
         self._pairs = neighbours if channels > 2 else neighbours[:channels - 1]
         distances = [0.0 if array is None else float(np.linalg.norm(array.positions[i] - array.positions[j]))
                      for i, j in self._pairs]
-        self._permitted = BODY * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
-        self._order = None if array is None else ChannelOrder(array, sample_rate, BODY)
+        self._permitted = BODY_STRETCH * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
+        self._order = None if array is None else ChannelOrder(array, sample_rate, BODY_STRETCH)
         self._evidence: dict[tuple[str, tuple[int, ...]], float] = {}
         self._told: Found = {}
         self.clear()

@@ -12,8 +12,7 @@ from av_common.microphone_array import MicrophoneArray
 
 WINDOW_S = 0.25      # in which a walking source 2 m away turns by 10 degrees
 LONGEST_S = 3e-3     # delays that are looked for: microphones 1 m apart; rotors repeat themselves after 2.5 ms and more
-# A sphere between two microphones makes delays of low frequencies 1.5 times as long (Kuhn, 1977): up to twice, it is a body.
-BODY = 2.0
+BODY = 2.0    # times the distance, of delays that a body explains, which makes them BODY_STRETCH as long
 # One of two sound paths correlates with the other half as much at most as both with themselves: a peak beyond the permitted
 # delays must be so much higher than the highest within them ...
 CLEARER = 1.3

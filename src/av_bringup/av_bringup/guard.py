@@ -15,7 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-PERIOD_S = 0.05
+PERIOD_S = 0.05     # between two looks at the processes, a small part of PATIENCE_S
 PATIENCE_S = 1.0    # time between the request to end and the kill; a node needs it to stop what moves and to close its files
 GIVE_UP_S = 5.0  # after the request: what is left then cannot be ended, such as a process in a driver
 

@@ -1,4 +1,6 @@
-"""The speed of sound."""
+"""The speed of sound, and what a body does to its delays."""
+
+BODY_STRETCH = 1.5  # of delays of low frequencies between microphones on either side of a sphere (Kuhn, 1977)
 
 
 def speed_of_sound(temperature_c: float = 20.0) -> float:

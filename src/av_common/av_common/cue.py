@@ -6,6 +6,7 @@ import math
 
 from geometry_msgs.msg import PointStamped
 
+CUE_SIGMA = math.radians(10.0)  # rad, of the direction up to which a cue is told, and which is assumed of it
 LEAST_DISTANCE_M, MOST_DISTANCE_M = 0.1, 1e6
 
 

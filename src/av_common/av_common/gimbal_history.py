@@ -25,7 +25,7 @@ LEAST_SIGMA = math.radians(0.05)  # of any report: those of a variance of 0 are 
 FASTEST = math.radians(1500.0)  # rad/s, between two measured orientations: gimbal and body together
 SUDDEN = math.radians(5.0)  # rad, in addition
 PATH = 0.25  # share of the angle between two orientations by which the interpolated one may be wrong
-RESTART_S = 1.0  # step of the clock back after which the history begins anew
+RESTART_S = 1.0  # step of the clock back, as where a bag begins again, after which what is known of a gimbal begins anew
 
 
 class NotYetKnownError(ValueError):

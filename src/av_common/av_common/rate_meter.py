@@ -7,6 +7,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+MISSING_AFTER_S = 1.0  # without messages, from which an input is reported as missing
+
 
 class RateMeter:
     """Counts events, measures their rate over a window and the time since the newest.

@@ -21,7 +21,7 @@ __all__ = ('BAD_INPUT', 'RefusedInputs')
 BAD_INPUT: tuple[type[Exception], ...] = (ValueError, rclpy_implementation.RCLError, rclpy_implementation.RMWError)
 # With this variable set, as in every test, all other errors are raised again: they are faults of the program.
 STRICT_VARIABLE = 'AV_STRICT'
-RECENT_S = 5.0
+RECENT_S = 5.0  # for which a refusal raises the status: five reports, so that a person sees it
 LOGGED_REASONS = 20  # of each source; afterwards its inputs are only counted
 LONGEST_REASON = 300  # characters
 

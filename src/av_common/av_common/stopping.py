@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 COMMAND_LIFETIME_S = 0.3         # a command without a successor moves nothing after this time
+OLDEST_MEASUREMENT_S = 1.0       # age since its capture from which a measurement moves no body, and on arrival nothing
 LONGEST_DEAD_TIME_S, LONGEST_LAG_S = 0.6, 1.6    # of vehicles that are driven
 STOP_WITHIN = 0.3                # s, from the arrival of the newest measurement until the yaw rate is 0
 TURNS_ON = math.radians(9.6)     # rad, by which a body turns on after that: less than the 10 deg that are promised

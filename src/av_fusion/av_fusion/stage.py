@@ -14,10 +14,11 @@ from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
-from av_common.cue import cue_direction
+from av_common.cue import CUE_SIGMA, cue_direction
 from av_common.frames import BASE_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
+from av_common.rate_meter import MISSING_AFTER_S
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
@@ -42,12 +43,10 @@ from av_interfaces.msg import (
 DOA, DETECTIONS, ODOMETRY, GIMBAL = 'doa', 'detections', 'odometry', 'gimbal/state'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
-CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
 CUE_WRONG = 0.2  # probability that a cue concerns another target
 RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, whose commands have the same rate
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
-MISSING_AFTER_S = 1.0  # without messages, from which an input is reported as missing
 VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
 TRANSFORM_WAIT_S = 0.15  # how long a measurement waits for the orientation of its sensor at its capture time
 

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag, solveh_banded
 
 from av_network import sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
-from av_network.motion_model import motion
+from av_network.motion_model import LEAST_STEP_S, motion
 from av_network.observation import Observation, RigState
 from av_network.settings import RigSettings
 
@@ -23,7 +23,6 @@ LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 SEGMENT_S = 2.5  # of a track, ten reports of each rig
 LEAST_OBSERVATIONS = 12  # of a segment: four numbers for each of the six of its track
 ITERATIONS = 2  # after one, clocks are up to 60 ms off (`network offsets`), after two 8
-STEP_S = 0.05  # between the times for which a track is solved: accelerations move a target by millimetres in less
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
 OUTLIER = 16.0  # squared Mahalanobis distance of a residual from the smoothed track, beyond which it is not used
@@ -127,9 +126,10 @@ class RigCalibration:
     def _learn(self, segment: _Segment) -> None:
         observations, clocks = segment.observations, self.mean[CLOCK::RIG_SIZE]
         times = np.array([one.sighting.measured + clocks[one.rig] for one in observations])
-        cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
-        track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
-        bands, step, prior = _motion_bands(STEP_S * np.diff(cells)), np.zeros(len(self.mean)), np.linalg.inv(self.covariance)
+        cells, first, nodes = np.unique(np.floor(times / LEAST_STEP_S), return_index=True, return_inverse=True)
+        track, ahead = np.array(segment.states)[first], times - LEAST_STEP_S * (cells[nodes] + 0.5)
+        bands, prior = _motion_bands(LEAST_STEP_S * np.diff(cells)), np.linalg.inv(self.covariance)
+        step = np.zeros(len(self.mean))
         lasting = max(one.unstated for one in observations) * (np.arange(len(step)) % RIG_SIZE == HEADING)
         for _ in range(ITERATIONS):
             linear = self._linearise(observations, ahead, track[nodes], step)

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from av_network import motion_model, sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
-from av_network.motion_model import axes_shares, mixed, mixing, target_motion, usual_modes
+from av_network.motion_model import LEAST_STEP_S, axes_shares, mixed, mixing, target_motion, usual_modes
 from av_network.observation import UNSTATED, Observation
 
 MEASURED_SIZE, TARGET_SIZE = 6, 9
 LOG_TAU = math.log(math.tau)
-LEAST_STEP_S = 0.05  # of a prediction: accelerations move a target by millimetres in less
 LEAST_MODE = 1e-3  # probability of a mode, so that it can return at once
 # Of the variance of errors that rigs do not state: its standard deviation (rad^2) at first, and the number of directions from
 # which it is learned, those of five rigs in 6 s.

@@ -32,6 +32,7 @@ MODES = (STEADY, MANOEUVRE)
 SPEED_SIGMA = 8.0  # m/s, prior standard deviation of a target's velocity along each horizontal axis
 CLIMB_SHARE = 0.3  # standard deviations of vertical velocities and accelerations over those of horizontal ones
 VELOCITY_MEMORY_S = 16.0  # in which a velocity falls to 1 / e of itself, unless measured anew (decisions.md, several rigs)
+LEAST_STEP_S = 0.05  # of a prediction: accelerations move a target by millimetres in less
 LONGEST_STEP_S = 10.0  # more than a target lasts without reports; of longer ones the exponential would lose its precision
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
+from av_common.cue import CUE_SIGMA
 from av_common.frames import MAP_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
@@ -27,7 +28,6 @@ from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
-CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 PERIOD_S = 0.04  # least time between two reports of a rig that are used
 WAIT_S = 1.0  # see `ReportQueue`
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from av_common.angles import wrap
 from av_common.frames import yaw_of
 from av_common.limited_axis import AxisLimits
-from av_common.stopping import STOP_WITHIN
+from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
 from av_pointing.body_axis import Aim, BodyAxis
 from av_pointing.gimbal_axes import GimbalAxes
@@ -29,7 +29,6 @@ COAST_SIGMA = math.radians(20.0)  # of a prediction's azimuth, up to which the g
 DEAD_BAND = math.radians(0.5)  # error below which nothing moves: the noise of a bearing that is seen
 LEAD_S = 0.05  # after its stamp for which a bearing is given to the gimbal, or its age where that is larger: lag of a gimbal
 SEARCH_RATE = math.radians(40.0)  # rad/s, of the rotation that resolves front and back, at most that of the body
-OLDEST_MEASUREMENT_S = 1.0  # age since its capture from which a measurement moves no body, and a bearing on arrival nothing
 
 
 class Mode(enum.IntEnum):

@@ -6,13 +6,13 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+from av_common.gimbal_history import RESTART_S
 from av_common.rig import GimbalMount
 
 SIGMA = math.radians(1.5)  # of a gimbal at rest where it was commanded to
 UNKNOWN_SIGMA = math.radians(10.0)  # of one that no command has reached yet
 LAGGING = 0.3  # share of the way that is left to go which the model may be wrong by
 MOST_COMMANDS = 100  # that wait for their time
-RESTART_S = 1.0  # step of the clock back after which the model begins anew
 
 
 class GimbalAngles(NamedTuple):

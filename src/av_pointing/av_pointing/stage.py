@@ -17,11 +17,11 @@ from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, 
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
-from av_common.stopping import STOP_WITHIN
+from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
+from av_pointing.controller import Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings
 
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from av_common.stopping import STOP_WITHIN, YawAnswer, fastest_stoppable
+from av_common.stopping import COMMAND_LIFETIME_S, STOP_WITHIN, YawAnswer, fastest_stoppable
 from av_px4.handover import EXTERNAL_MODES, OFFBOARD, Handover, VehicleStatus
 
 PX4 = YawAnswer()                  # to a yaw rate, as flown
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
 MAX_ACCELERATION = math.radians(900.0)    # rad/s^2, largest change of the yaw rate: by 30 deg/s within 1/30 s
 LARGEST_RATE = math.radians(100.0)        # rad/s; it takes a ninth of a second to 0
-COMMAND_TIMEOUT = 0.25             # s, age from which a pointing command is stale
-BEARING_TIMEOUT = 0.3              # s, age from which a bearing's newest measurement is stale
+COMMAND_TIMEOUT = COMMAND_LIFETIME_S - MARGIN    # s, age from which a pointing command is stale
 ATTITUDE_TIMEOUT = 0.2             # s, 20 periods of PX4's attitude
 POSITION_TIMEOUT = 0.5             # s, 25 periods of PX4's local position
 STATUS_TIMEOUT = 1.5               # s, three periods of PX4's vehicle_status
@@ -221,7 +220,7 @@ class BodyGuard:
             'no fresh attitude': not inputs.attitude_age <= ATTITUDE_TIMEOUT,
             'no fresh position': not inputs.position_age <= POSITION_TIMEOUT,
             'no fresh pointing command': not inputs.command_age <= COMMAND_TIMEOUT,
-            'no fresh measurement': not inputs.bearing_age <= BEARING_TIMEOUT,
+            'no fresh measurement': not inputs.bearing_age <= STOP_WITHIN,
             'commands are not acknowledged': inputs.unacknowledged,
             'the body is not to move': not inputs.enabled,
             'the yaw rate is no number': not math.isfinite(inputs.yaw_rate)}

@@ -17,7 +17,7 @@ from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds
-from av_common.stopping import STOP_WITHIN
+from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
@@ -27,7 +27,6 @@ from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
-    BEARING_TIMEOUT,
     COMMAND_TIMEOUT,
     MARGIN,
     POSITION_TIMEOUT,
@@ -44,7 +43,6 @@ STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', '
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
 NO_MODE = 'the installed px4_msgs has no external modes (PX4 1.15 and later have): set offboard to have OFFBOARD turn the body'
 RATE_HZ = 50.0        # of control steps without pointing commands; each command causes a step at once
-OLDEST_MEASUREMENT_S = 1.0    # age since its capture from which a measurement moves no body
 GAP_S = 0.5           # without vehicle_odometry or esc_status, after which vehicle_attitude or actuator_motors take its place
 HEARTBEAT = 'offboard_control_mode'
 # Messages whose age PX4 judges: one that waited in a stall must not count as new. It stamps all others on arrival, which does
@@ -333,7 +331,7 @@ class Px4Stage:
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
         command = self._command
         fresh = (inputs.status_age <= STATUS_TIMEOUT and inputs.attitude_age <= ATTITUDE_TIMEOUT
-                 and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= BEARING_TIMEOUT)
+                 and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= STOP_WITHIN)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
             pan, tilt = angles_of_command(self.settings.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from fake_autopilot import FakeAutopilot, wrap
 
+from av_common.stopping import STOP_WITHIN
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
-    BEARING_TIMEOUT,
     COMMAND_TIMEOUT,
     MARGIN,
     MAX_ACCELERATION,
@@ -27,7 +27,7 @@ MODES = (2, 4, 5, 14, 14, 14, 18, 23, 23, 24)
 STREAMS = ('status', 'attitude', 'position', 'command', 'bearing')
 MAX_RATE = math.radians(30.0)
 TIMEOUTS = {'status': STATUS_TIMEOUT, 'attitude': ATTITUDE_TIMEOUT, 'position': POSITION_TIMEOUT,
-            'command': COMMAND_TIMEOUT, 'bearing': BEARING_TIMEOUT}
+            'command': COMMAND_TIMEOUT, 'bearing': STOP_WITHIN}
 GOOD = Inputs(VehicleStatus(OFFBOARD, True, False), 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True, None, True)
 
 

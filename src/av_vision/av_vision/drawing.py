@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from av_vision.detections import Detections
 from av_vision.image import to_bgr8
 
-GREEN = (80, 220, 60)
+GREEN = (80, 220, 60)  # BGR
 
 
 def draw(image: NDArray, detections: Detections, tracks: Sequence[int | str]) -> NDArray[np.uint8]:

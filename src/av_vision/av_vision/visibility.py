@@ -24,7 +24,7 @@ BINS = 16  # number of bins of distance
 QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brightest objects may be lamps or walls
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
-LEAST_PIXELS = 30
+LEAST_PIXELS = 30  # of a bin: their median errs by 0.23 of their standard deviation
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
 
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.gimbal_geometry import gimbal_to_mount
 from av_common.rig import GimbalMount
+from av_fusion.disambiguation.rotation import REPLAN_S
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import angles, turned_back
 from av_fusion.tracks.component import GaussianComponent
 
-REPLAN_S = 0.2  # time between predictions
 NEWEST_IMAGE_S = 1.0  # age from which the camera counts as absent
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
 BUDGET_S = 8.0  # for which looks are requested in a row

@@ -20,7 +20,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, turned, turned_bac
 HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
 DONE = math.radians(2.0)  # a rotation is complete when less than this is left
 REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
-REPLAN_S = 0.2  # time between predictions
+REPLAN_S = 0.2  # time between predictions, of looks, too
 FORGET_S = 5.0  # time after which the direction of the last rotation is discarded
 ASKED_S = 10.0  # for which a rotation that a person asks for is requested
 TILT_S = 0.5  # for which a tilt continues at its present rate

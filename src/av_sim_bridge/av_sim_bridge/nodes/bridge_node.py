@@ -16,6 +16,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
+from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import detections_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
@@ -27,7 +28,6 @@ from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 
 SOCKET_BUFFER_BYTES = 4_194_304  # that each port asks of the system; RFlySim itself asks for 204,800
-STALE_AFTER_S = 1.0  # without data, after which a stream is reported as missing
 STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # streams that are reported when no data arrives
 
 
@@ -156,7 +156,7 @@ class BridgeNode(RigNode):
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, age and errors of every stream."""
         streams = {name: self._receivers[name] for name in STREAMS}
-        silent = [name for name, receiver in streams.items() if receiver.meter.age > STALE_AFTER_S]
+        silent = [name for name, receiver in streams.items() if receiver.meter.age > MISSING_AFTER_S]
         if len(silent) == len(streams):
             ports = ', '.join(f'{name} {receiver.port}' for name, receiver in streams.items())
             status.mergeSummary(DiagnosticStatus.WARN, f'no data from the simulator (UDP {ports})')

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate, correlation_lags, welch
 
+from av_audio.device_process import COMMON_RATES
 from av_audio.health import ChannelHealth
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
@@ -19,7 +20,6 @@ from av_view.doctor.finding import Finding
 AREA = 'microphones'
 RATE_TOLERANCE = 1e-3  # ten times that of a poor crystal, 100 ppm
 QUIET_DBFS, LOUD_DBFS = -75.0, -6.0
-USUAL_RATES = (8000.0, 16_000.0, 22_050.0, 32_000.0, 44_100.0, 48_000.0, 96_000.0)  # Hz, of converters
 SPECTRUM = 4096  # samples
 EDGE_DB = 30.0  # least step at half of the given rate: resamplers stop by 60 dB, microphones fall by less
 CLAP_S = 0.02  # around the loudest moment
@@ -58,7 +58,7 @@ def resampled_from(samples: NDArray, rate: float) -> float | None:
         return None
     frequencies, power = welch(samples, rate, nperseg=SPECTRUM, axis=0)
     level = power.mean(axis=1)
-    for given in (one for one in reversed(USUAL_RATES) if one < 0.8 * rate):
+    for given in (one for one in reversed(COMMON_RATES) if one < 0.8 * rate):
         edge = 0.5 * given
         below = np.median(level[(frequencies > 0.6 * edge) & (frequencies < 0.85 * edge)])
         full = np.median(level[(frequencies > 0.1 * edge) & (frequencies < 0.5 * edge)])
@@ -66,7 +66,7 @@ def resampled_from(samples: NDArray, rate: float) -> float | None:
         above = level[(frequencies > 1.08 * edge) & (frequencies < min(1.4 * edge, 0.49 * rate))]
         step = 10.0 ** (-0.1 * EDGE_DB)
         if below > step * full and np.quantile(above, 0.75) < step * below:
-            return given
+            return float(given)
     return None
 
 

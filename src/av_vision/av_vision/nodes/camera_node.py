@@ -25,14 +25,11 @@ from av_common.yaml_reader import load_yaml
 from av_vision.messages import camera_info_message, image_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
 from av_vision.sources import Capture, CapturedImage, Source
-from av_vision.sources.capture import DeviceSource
+from av_vision.sources.capture import STALE_S, DeviceSource
 from av_vision.sources.files import FileSource
 from av_vision.sources.realsense import RealSenseSource
 
-# Without an image for this long the diagnostics warn.
-STALE_S = 2.0
 Vector = tuple[float, float, float]
-MOST_PIXELS = 65_536
 ENTRIES = ('image_width', 'image_height', 'camera_name', 'camera_matrix', 'distortion_model', 'distortion_coefficients',
            'rectification_matrix', 'projection_matrix')
 ALIKE = 0.8    # likeness of two names, of which one is a misspelling of the other (difflib)
@@ -50,7 +47,7 @@ def load_calibration(path: str | Path) -> PinholeCamera:
                 raise ConfigError(f'{shown(name)} is no entry of a calibration, the nearest is {meant[0]}')
         matrix, model = _numbers(content, 'camera_matrix', (9,)), content.get('distortion_model', LENS_MODELS[0])
         distortion = _numbers(content, 'distortion_coefficients', DISTORTION_LENGTHS)
-        width, height = (int(number(content.get(name), name, True, {'low': 1, 'high': MOST_PIXELS}))
+        width, height = (int(number(content.get(name), name, True, {'low': 1}))
                          for name in ('image_width', 'image_height'))
         return PinholeCamera.from_calibration(width, height, matrix, str(model), distortion)
     except ValueError as error:

@@ -23,10 +23,9 @@ from av_vision.drawing import draw
 from av_vision.messages import image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.search import Pace
+from av_vision.sources.capture import STALE_S
 from av_vision.stage import make_detection_stage
 
-# Without an image for this long the diagnostics warn.
-STALE_S = 2.0
 Item = TypeVar('Item')
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 
-OLDEST_S = 1.0
+STALE_S = 2.0   # without an image, after which camera_node and detector_node warn
+OLDEST_S = 1.0  # age from which a driver's time is none of CLOCK_MONOTONIC
 
 
 class SourceError(RuntimeError):

@@ -12,9 +12,9 @@ import numpy as np
 
 from av_common.camera import PinholeCamera
 from av_common.clock import SenderClock
-from av_vision.sources.capture import CapturedImage, SourceError
+from av_vision.sources.capture import STALE_S, CapturedImage, SourceError
 
-TIMEOUT_MS = 2000
+TIMEOUT_MS = round(1e3 * STALE_S)
 Motion = Callable[[float, tuple[float, float, float], tuple[float, float, float]], None]
 
 

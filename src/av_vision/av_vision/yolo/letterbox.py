@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 LETTERBOX_GREY = 114  # the grey that YOLO models are trained with
-EDGE = 2.0  # pixels
+EDGE = 2.0  # pixels from an inner edge of a tile, within which a box counts as cut by it
 
 
 def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArray[np.uint8], float]:

@@ -18,7 +18,7 @@ from av_vision.yolo.layout import LAYOUTS, TABLE_COLUMNS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 from av_vision.yolo.rows import LayoutError, RowReader
 
-MOST_BYTES = 500_000_000
+MOST_BYTES = 500_000_000    # of a file; that of the largest YOLO, v8x with 68 million weights, has 273 MB
 MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
 LONGEST = 8192                 # pixels of a side of the input
 FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
