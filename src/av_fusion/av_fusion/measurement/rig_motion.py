@@ -184,11 +184,9 @@ class RigMotion:
         return time - self.newest <= KNOWN_S and not self.is_frozen
 
     def problem(self, time: float) -> str:
-        """What is wrong with the poses at `time` (s), empty without a problem."""
+        """Whether poses stopped or jumped by `time` (s), else empty; a frozen attitude is told by `HeadingWatch`."""
         if self._poses.entries and time - self.newest > KNOWN_S:
             return f'odometry stopped {time - self.newest:.1f} s ago: the rig counts as level, at its last heading'
-        if self.is_frozen:
-            return 'odometry is frozen: the attitude does not follow its own rates'
         if 0.0 <= time - self._jumped < NOTICED_S:
             return f'odometry jumped in {self._jump} ({self.jumps} times)'
         return ''

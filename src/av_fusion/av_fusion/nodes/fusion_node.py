@@ -185,7 +185,8 @@ class FusionNode(RigNode):
         problem, known = motion.problem(now), motion.is_known(now)
         if problem:
             status.mergeSummary(DiagnosticStatus.WARN, problem)
-        status.add('attitude', 'known' if known else 'not known: the rig counts as level, at its last heading or facing east')
+        status.add('attitude', 'known' if known else
+                   'not known or frozen: the rig counts as level, at its last heading or facing east')
         status.add('jumps of odometry', str(motion.jumps))
 
 
