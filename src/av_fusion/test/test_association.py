@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from av_fusion.tracks.association import free_factors, unclaimed
+from av_fusion.tracks.association import associate
 
 
 def exact(ratios, others):
@@ -29,9 +29,8 @@ def exact(ratios, others):
 
 def marginals_of(ratios, others):
     """The same by the code under test."""
-    free = free_factors(ratios, others)
-    claimed = np.hstack([ratios * free, np.ones((len(ratios), 1))])
-    return claimed / claimed.sum(axis=1, keepdims=True), unclaimed(ratios, free, others)
+    _, shares, unclaimed = associate(ratios, others)
+    return np.hstack([shares, 1.0 - shares.sum(axis=1, keepdims=True)]), unclaimed
 
 
 @pytest.mark.parametrize(('targets', 'measurements'), [(1, 1), (1, 4), (3, 1)])
@@ -68,5 +67,5 @@ def test_extreme_ratios_stay_finite():
 
 def test_no_targets_and_no_measurements():
     """Empty tables are possible."""
-    assert unclaimed(np.zeros((0, 2)), free_factors(np.zeros((0, 2)), np.ones(2)), np.ones(2)).tolist() == [1.0, 1.0]
-    assert free_factors(np.zeros((2, 0)), np.ones(0)).shape == (2, 0)
+    assert associate(np.zeros((0, 2)), np.ones(2)).unclaimed.tolist() == [1.0, 1.0]
+    assert associate(np.zeros((2, 0)), np.ones(0)).free.shape == (2, 0)

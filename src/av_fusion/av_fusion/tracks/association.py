@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 ITERATIONS, TOLERANCE = 50, 1e-4
 
 
-def free_factors(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each measurement is free for each target: the messages from measurements to targets of belief propagation.
+class Association(NamedTuple):
+    """Which target each measurement of a scan stems from.
+
+    Parameters:
+        free (t, m): how far each measurement is free for each target: the messages of belief propagation to the targets.
+        shares (t, m): marginal probabilities that measurements stem from targets.
+        unclaimed (m,): marginal probabilities that they stem from none of these.
+    """
+
+    free: NDArray[np.float64]
+    shares: NDArray[np.float64]
+    unclaimed: NDArray[np.float64]
+
+
+def associate(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> Association:
+    """Marginal association probabilities by belief propagation.
 
     A target stems at most one measurement of a scan, and a measurement from at most one target. Given the free factors v, the
     marginal probability that target t has measurement j is proportional to ratios[t, j] v[t, j], and that it has none to 1.
@@ -24,27 +40,15 @@ def free_factors(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> ND
     """
     free = np.zeros(ratios.shape) + 1.0 / others
     for _ in range(ITERATIONS):
-        claimed = ratios * free
-        claims = ratios / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True) - claimed)
+        claims = _claims(ratios, ratios * free)
         previous, free = free, 1.0 / (others + np.add.reduce(claims) - claims)
         if (abs(free - previous) <= TOLERANCE * free).all():
             break
-    return free
-
-
-def association_probabilities(ratios: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Marginal probabilities (t, m) that measurements stem from targets; see `free_factors` for the arguments."""
     claimed = ratios * free
-    return claimed / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True))
+    return Association(free, claimed / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True)),
+                       np.asarray(others / (others + np.add.reduce(_claims(ratios, claimed)))))
 
 
-def unclaimed(ratios: NDArray[np.float64], free: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Marginal probabilities (m,) that measurements stem from none of the targets.
-
-    Parameters:
-        ratios (t, m), others (m,): see `free_factors`.
-        free (t, m): the free factors.
-    """
-    claimed = ratios * free
-    claims = ratios / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True) - claimed)
-    return np.asarray(others / (others + np.add.reduce(claims)))
+def _claims(ratios: NDArray[np.float64], claimed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The messages (t, m) from targets to measurements."""
+    return np.asarray(ratios / (1.0 + np.add.reduce(claimed, axis=1, keepdims=True) - claimed))

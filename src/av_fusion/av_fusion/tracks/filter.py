@@ -15,7 +15,7 @@ from av_fusion.identity.blade_pass import fundamental_likelihoods
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector
-from av_fusion.tracks.association import association_probabilities, free_factors, unclaimed
+from av_fusion.tracks.association import associate
 from av_fusion.tracks.component import ASSOCIATED
 from av_fusion.tracks.component_merging import are_mergeable
 from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, births_of, hear
@@ -101,9 +101,8 @@ class MultiBernoulliFilter:
                           ).reshape(shape)
         voices /= np.maximum.reduce(voices, initial=1.0)  # an echo sounds alike: only other targets are excluded
         odds = self._undetected * np.array([one.odds for one in heard])
-        free = free_factors(ratios * voices, 1.0 + odds)
-        shares = association_probabilities(ratios * voices, free)
-        new = unclaimed(ratios * voices, free, 1.0 + odds) * odds / (1.0 + odds)
+        free, shares, unclaimed = associate(ratios * voices, 1.0 + odds)
+        new = unclaimed * odds / (1.0 + odds)
         for track, each, lost, factors, row in zip(self.tracks, compared, missed, free * voices, shares, strict=True):
             if each:
                 track.use_sound(time, each, gains * factors, lost, fraction)
@@ -144,17 +143,17 @@ class MultiBernoulliFilter:
         ratios = np.array([track.image_ratios(each, len(detections))
                            for track, each in zip(self.tracks, compared, strict=True)]).reshape(len(compared), len(detections))
         odds = self._undetected * np.array([odds_of(detection) for detection in detections])
-        free = free_factors(ratios, 1.0 + odds)
+        free, shares, unclaimed = associate(ratios, 1.0 + odds)
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             track.use_image(image, each, factors)
         if detections:
             self._newest_sighting = max(self._newest_sighting, time)
-            shares, scores = association_probabilities(ratios, free), [detection.score for detection in detections]
+            scores = [detection.score for detection in detections]
             clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0  # fog lowers scores
             for track, row in zip(self.tracks, shares, strict=True):
                 track.note_kind(Source.SIGHT, scores, (fraction * clear * row).tolist())
             self._note_told_apart(shares)
-            new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
+            new = unclaimed * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
                 begun = self._begin(time, partial(births_of, [direction], settings), existence)
                 if begun is not None:
