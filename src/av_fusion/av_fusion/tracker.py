@@ -12,7 +12,7 @@ from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.ambiguity import candidates, is_resolved
 from av_fusion.disambiguation.look import LookPlanner
-from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt, View
+from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt
 from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
@@ -82,15 +82,12 @@ class MultiTargetTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.tau)
         self.planner = RotationPlanner(self.settings.rotation, self.settings.fixed_rotation)
-        self.looks = LookPlanner(self.settings.gimbal) if self.settings.gimbal else None
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)
         self._confirm = self.settings.confirm_threshold
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
-        self._targets = Targets(0.0)
-        self._view = NO_CAMERA  # of the newest image
-        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
+        self.reset()
 
     @property
     def self_calibration(self) -> ArraySelfCalibration:
@@ -103,11 +100,10 @@ class MultiTargetTracker:
         self._calibration.reset()
         self.machine.restart()
         self.planner.cancel()
-        if self.settings.gimbal:
-            self.looks = LookPlanner(self.settings.gimbal)
+        self.looks = LookPlanner(self.settings.gimbal) if self.settings.gimbal else None
         self._targets = Targets(0.0)
-        self._view = NO_CAMERA
-        self._mirror_axis = None
+        self._image = NO_CAMERA  # the newest one
+        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
 
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
@@ -134,8 +130,7 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
-        self._view = View(math.atan2(measurement.view[1][0], measurement.view[0][0]), measurement.half_view,
-                          measurement.visibility)
+        self._image = measurement
         # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         self._calibration.see(time, measurement.best if len(seen) < 2 else None)
@@ -173,7 +168,7 @@ class MultiTargetTracker:
             requested_rotation=self._plan_rotation(time, unresolved),
             look=None if state == State.VISUAL_ACTIVE else self._plan_look(time, [*unresolved, tracks[chosen]]),
             sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
-            visibility=self._view.visibility)
+            visibility=self._image.visibility)
 
     @staticmethod
     def _is_judged(time: float, target: Target, tracks: Mapping[int, FilterTrack]) -> bool:
@@ -186,7 +181,7 @@ class MultiTargetTracker:
         state = self.machine.step(time, False, _why_not_followed(found))
         return Track(time, state, self.machine.reason, self.machine.changed, attitude_known=self.motion.is_known(time),
                      sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
-                     visibility=self._view.visibility)
+                     visibility=self._image.visibility)
 
     def targets(self, track: Track) -> Targets:
         """See `PlainTracker`."""
@@ -248,8 +243,7 @@ class MultiTargetTracker:
         seen = time - primary.newest_sighting <= SIGHT_TIMEOUT_S
         heard = time - primary.newest_doa <= SOUND_TIMEOUT_S
         source = Source(seen * Source.SIGHT | heard * Source.SOUND)
-        state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
-        shown = _placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
+        shown = _placed(Track(time=time, source=source, measured=primary.measured, front_probability=front,
                              resolved=track.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
                              sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], found[primary], self.motion)
         return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
@@ -264,13 +258,13 @@ class MultiTargetTracker:
         yaw = self.motion.yaw(time)
         tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
         return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, tilt.axis, self._confirm)
-                                                     for track in tracks], tilt, self._view)
+                                                     for track in tracks], tilt, self._image)
 
     def _plan_look(self, time: float, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
         """Where a look decides most about tracks, of which the last one is followed."""
         if self.looks is None or self.planner.is_asked(time):
             return None
-        visibility = (self._view.visibility if math.isfinite(self._view.visibility)
+        visibility = (self._image.visibility if math.isfinite(self._image.visibility)
                       else max(self.settings.filter.assumed_visibility, UNKNOWN))
         components = [component for track in {track.id: track for track in tracks}.values()
                       for component in track.mixture.components]

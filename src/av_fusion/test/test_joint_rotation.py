@@ -14,15 +14,15 @@ from av_fusion.disambiguation.rotation import (
     Candidate,
     RotationPlanner,
     Tilt,
-    View,
     expected_times,
     joint_times,
 )
+from av_fusion.measurement.measurements import CameraMeasurement
 
 LEFT = Tilt((0.0, 1.0, 0.0))
 STEP, HORIZON = 0.2, 6.0
 TURNS = (0.5 * math.pi, -0.5 * math.pi)
-VIEW = View(0.0, math.radians(35.0), 1.0)
+VIEW = CameraMeasurement(0.0, (), math.radians(35.0), visibility=1.0)
 
 
 def pair(azimuth_deg, existence=1.0, share=0.5):
@@ -92,7 +92,7 @@ def test_the_planner_turns_to_the_side_of_the_joint_plan():
 def test_the_planner_turns_the_camera_where_it_is_mounted():
     """A camera that looks backwards: the mirror image behind comes into its view by a turn to the other side."""
     front = VIEW
-    back = front._replace(azimuth=math.pi)
+    back = front._replace(view=((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
     first, second = pair(80.0)
     for view, expected in ((front, 0), (back, 1)):
         assert int(np.argmin(expected_times(TURNS, first, second, LEFT, view))) == expected

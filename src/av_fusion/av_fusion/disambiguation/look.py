@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from av_common.angles import angles_to_direction, direction_to_angles
@@ -35,8 +36,7 @@ STICK = 1.3  # gain for which another look replaces one that is under way
 GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking until images are independent, and how long what was looked at is remembered
 MISSED = 0.1  # probability that a glance misses what is visible
 # Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
-OFFSETS = (-2.857, -1.356, 0.0, 1.356, 2.857)
-WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
+OFFSETS, WEIGHTS = hermegauss(5)
 BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
 
 Matrix = NDArray[np.float64]
@@ -207,13 +207,13 @@ class LookPlanner:
         total = sum(component.weight for component in components)
         for component in components:
             across_sigma, up_sigma = np.sqrt(np.minimum(np.diag(component.covariance)[:2], 1.0))
-            across, up = np.array(OFFSETS[1:4]) * across_sigma, np.array(OFFSETS) * up_sigma
+            across, up = OFFSETS[1:4] * across_sigma, OFFSETS * up_sigma
             elevation = np.clip(component.elevation + up, -0.5 * math.pi, 0.5 * math.pi)[:, None]
             azimuth = component.azimuth + across[None] / np.maximum(np.cos(elevation), 0.2)
             directions = angles_to_direction(azimuth, elevation).reshape(-1, 3)
             unseen = visibility * MISSED ** (self._looked_at(directions) / GLANCE_S)
             remaining = 1.0 - visibility + unseen
-            share = np.outer(WEIGHTS, WEIGHTS[1:4]).ravel() * remaining
+            share = np.outer(WEIGHTS, WEIGHTS[1:4]).ravel() * remaining  # but for a factor
             points.append(directions)
             shares.append(component.weight / total * share / share.sum())
             visible.append(unseen / np.maximum(remaining, 1e-9))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, turned, turned_back
 
 HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
@@ -83,21 +84,7 @@ class Tilt(NamedTuple):
                 + (1.0 - np.cos(angle)) * (about @ axis) * about)
 
 
-class View(NamedTuple):
-    """What a camera on the body can see.
-
-    Parameters:
-        azimuth (rad): of its axis, from the rig's heading.
-        half_view (rad): half of its field of view.
-        visibility: 0..1, NaN if unknown.
-    """
-
-    azimuth: float
-    half_view: float
-    visibility: float
-
-
-NO_CAMERA = View(0.0, 0.0, math.nan)
+NO_CAMERA = CameraMeasurement(-math.inf, (), half_view=0.0)  # sees nothing
 
 
 class RotationPlanner:
@@ -142,7 +129,7 @@ class RotationPlanner:
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
-             view: View) -> float:
+             image: CameraMeasurement) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
         Parameters:
@@ -150,7 +137,7 @@ class RotationPlanner:
             yaw (rad): yaw of the rig in the world.
             find_candidates: returns the possible directions of each target; it is called every REPLAN_S only.
             tilt: the axis between the mirror images, and how the rig tilts.
-            view: of the camera.
+            image: the newest one, for what the camera can see.
         """
         replan = not abs(time - self._planned) < REPLAN_S
         if not abs(time - self._planned) < FORGET_S:
@@ -172,7 +159,7 @@ class RotationPlanner:
             return 0.0
         if replan or self._direction not in left:
             turns = [*(direction * room for direction, room in left.items()), 0.0]
-            *expected, waiting = joint_times(turns, self._pairs, tilt, view).tolist()
+            *expected, waiting = joint_times(turns, self._pairs, tilt, image).tolist()
             if tilt.continues and waiting <= min(expected) and not self.is_asked(time):
                 self._direction = 0.0
                 return 0.0
@@ -193,23 +180,23 @@ class RotationPlanner:
         return 0.0
 
 
-def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, view: View
-                ) -> NDArray[np.float64]:
+def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt,
+                image: CameraMeasurement) -> NDArray[np.float64]:
     """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
 
     The sum over targets of the probability of existence times the expected time is the integral over time of the expected
     number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
 
     Parameters:
-        turns (n,) (rad), tilt, view: see `expected_times`.
+        turns (n,) (rad), tilt, image: see `expected_times`.
         pairs: both candidates of each target, whose weights sum to its probability of existence.
     """
-    times = [expected_times(turns, first, second, tilt, view) for first, second in pairs]
+    times = [expected_times(turns, first, second, tilt, image) for first, second in pairs]
     return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
-def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, view: View
-                   ) -> NDArray[np.float64]:
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt,
+                   image: CameraMeasurement) -> NDArray[np.float64]:
     """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
 
     A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
@@ -223,7 +210,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
         turns (n,) (rad): rotations, counter-clockwise.
         first, second: the candidates.
         tilt: the array's axis, and how the rig tilts.
-        view: of the camera.
+        image: the newest one, for what the camera can see.
     """
     candidates = (first, second)
     azimuth, rate, variance, rate_variance, weight, elevation, elevation_variance = np.array(
@@ -241,8 +228,9 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2 + tilted
              + BROADSIDE_SIGMA**2 * WINDOW_S / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
-    in_view = (np.cos(course - view.azimuth) > math.cos(view.half_view)).any(axis=1, keepdims=True)
-    visibility = view.visibility if math.isfinite(view.visibility) else 0.0
+    middle = math.atan2(image.view[1][0], image.view[0][0])
+    in_view = (np.cos(course - middle) > math.cos(image.half_view)).any(axis=1, keepdims=True)
+    visibility = image.visibility if math.isfinite(image.visibility) else 0.0
     information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
     needed = math.log(NEEDED_ODDS) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
