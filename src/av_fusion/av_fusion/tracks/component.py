@@ -350,15 +350,11 @@ class GaussianComponent:
             kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
         self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual or not is_known else usual
 
-    def missed_detection(self, chance: float) -> float:
-        """Probability that an image does not show the target, where one that is not hidden is detected with `chance`."""
-        return self.p_hidden + (1.0 - self.p_hidden) * (1.0 - chance)
-
     def update_hidden(self, chance: float, fraction: float, missed: float) -> None:
         """Update the probability that the target is hidden by an image.
 
         Parameters:
-            chance: see `missed_detection`.
+            chance: that the image shows a target that is not hidden.
             fraction: effective sample fraction of the image.
             missed: probability that the image does not show the target, given what it shows.
         """

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hypothesis
 from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
-from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.mixture import BirthComponent
 from av_fusion.tracks.motion import Elevation
 from av_fusion.tracks.past_state import PastState, Row
@@ -38,18 +37,10 @@ class Deviation(NamedTuple):
         """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
         return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
 
-    @property
-    def distances(self) -> NDArray[np.float64]:
-        """Square of the innovation in standard deviations, (k,)."""
-        return self.innovations**2 / self.totals
-
 
 def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
     """Square of the distance of a measurement from a prediction, in standard deviations, in each mode (k,)."""
-    first, *others = [deviation.distances for deviation in deviations]
-    for other in others:
-        first = first + other
-    return first
+    return np.asarray(sum([one.innovations**2 / one.totals for one in deviations]))
 
 
 def nearness(deviations: Sequence[Deviation]) -> float:
@@ -110,15 +101,12 @@ class Comparison(NamedTuple):
     """A measurement compared with what a component predicts.
 
     Parameters:
-        component, past: the component, and its direction at the capture time.
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
         fits (k,): likelihood in each mode relative to that of a component that predicts the measured value without error and
             variance; at most 1.
     """
 
-    component: GaussianComponent
-    past: PastState
     deviations: Sequence[Deviation]
     fits: NDArray[np.float64]
     direction: WorldDirection | None = None
@@ -137,15 +125,11 @@ class WorldCone(NamedTuple):
     cosine: float
     variance: float
 
-    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+    def compare(self, past: PastState) -> Comparison:
         """Compare with a component, whose direction at the capture time is `past`."""
-        deviation = self.deviation(past)
-        return Comparison(component, past, (deviation,), _fits((deviation,)))
-
-    def deviation(self, past: PastState) -> Deviation:
-        """Deviation of the cosine from what a component predicts."""
         means, variances, row = expected_cosine(past, self.axis)
-        return Deviation(row, self.cosine - means, variances + self.variance, self.variance)
+        deviations = (Deviation(row, self.cosine - means, variances + self.variance, self.variance),)
+        return Comparison(deviations, _fits(deviations))
 
     def births(self, elevations: Sequence[Elevation]) -> list[BirthComponent]:
         """Both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -222,11 +206,11 @@ class DirectionLikelihood(NamedTuple):
 
     directions: Sequence[WorldDirection]
 
-    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+    def compare(self, past: PastState) -> Comparison:
         """See `WorldCone`."""
         alternatives = [(direction.deviations(past), direction) for direction in self.directions]
         deviations, nearest = min(alternatives, key=lambda pair: nearness(pair[0]))
-        return Comparison(component, past, deviations, _fits(deviations), nearest)
+        return Comparison(deviations, _fits(deviations), nearest)
 
 
 def _fits(deviations: Sequence[Deviation]) -> NDArray[np.float64]:

@@ -78,7 +78,8 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     width = 2.0 * image.measurement.half_view
     found = [detected * odds_of(detection) * width * _densities(parts)
              for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
-    return SightComparison(component, past, deviations, chance, component.missed_detection(chance),
+    missed = component.p_hidden + (1.0 - component.p_hidden) * (1.0 - chance)
+    return SightComparison(component, past, deviations, chance, missed,
                            np.array(found).reshape(len(found), len(component.modes)).T)
 
 

@@ -34,12 +34,13 @@ class SoundComparison(NamedTuple):
     """A component compared with the directions of arrival of one window.
 
     Parameters:
-        component: the component.
+        component, past: the component, and its direction at the capture time.
         directions: compared with each direction.
         fits (k, m): of each in each mode of motion, see `Comparison`.
     """
 
     component: GaussianComponent
+    past: PastState
     directions: Sequence[Comparison]
     fits: NDArray[np.float64]
 
@@ -130,9 +131,9 @@ class Track:
         compared = []
         for component in self.mixture.components:
             past = component.at(*place)
-            directions = [hearing.likelihood.compare(component, past) for hearing in heard]
+            directions = [hearing.likelihood.compare(past) for hearing in heard]
             fits = np.array([direction.fits for direction in directions]).T
-            compared.append(SoundComparison(component, directions, fits))
+            compared.append(SoundComparison(component, past, directions, fits))
         return compared
 
     @staticmethod
@@ -142,7 +143,8 @@ class Track:
         Parameters:
             compared: of the components with the directions.
         """
-        return float(np.max(sum([component.weight * (component.modes @ fits) for component, _, fits in compared], np.zeros(1))))
+        places = [each.component.weight * (each.component.modes @ each.fits) for each in compared]
+        return float(np.max(sum(places, np.zeros(1))))
 
     def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float
                      ) -> NDArray[np.float64]:
@@ -154,7 +156,7 @@ class Track:
             missed: probability that the target is not among the directions although it can be heard.
         """
         none, ratios = self.mixture.absent, np.zeros(len(gains))
-        for component, _, fits in compared:
+        for component, _, _, fits in compared:
             audible = component.weight * (1.0 - component.p_unheard)
             none += component.weight - audible * (1.0 - missed)
             ratios += audible * (component.modes @ fits)
@@ -174,7 +176,8 @@ class Track:
             fraction: effective sample fraction.
         """
         tempered = gains**fraction
-        for component, directions, fits in compared:
+        for each in compared:
+            component, fits = each.component, each.fits
             unheard = component.p_unheard
             totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
             likelihoods = (1.0 - unheard) * fits * gains
@@ -182,7 +185,7 @@ class Track:
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
-            update_by_sound(time, directions, shares)
+            update_by_sound(time, each, shares)
             component.weight *= total
         self.mixture.reduce()
 
@@ -257,22 +260,22 @@ class Track:
         self._anchor = None
 
 
-def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: NDArray[np.float64]) -> None:
+def update_by_sound(time: float, compared: SoundComparison, shares: NDArray[np.float64]) -> None:
     """Update a component by directions of arrival with their association probabilities.
 
     Parameters:
         time (s): their capture time.
-        comparisons: of the component with each of them.
+        compared: of the component with them.
         shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
     """
-    component, past = comparisons[0].component, comparisons[0].past
-    across, whole = [comparison.deviations[0] for comparison in comparisons], (component.modes @ shares).tolist()
+    component, past, directions, _ = compared
+    across, whole = [one.deviations[0] for one in directions], (component.modes @ shares).tolist()
     row = across[whole.index(max(whole))].row  # those of directions far away differ
     noises = np.array([np.maximum(d.totals - past.variances(d.row), d.noise) for d in across]).T
     alternatives = _alternatives(across, shares)._replace(variances=noises)
     component.accept(time, False, past, row, alternatives)
-    component.update(past, row, alternatives, keep_elevation=comparisons[0].direction is None)
-    known = [(j, one.direction) for j, one in enumerate(comparisons) if one.direction is not None and one.direction.is_known]
+    component.update(past, row, alternatives, keep_elevation=directions[0].direction is None)
+    known = [(j, one.direction) for j, one in enumerate(directions) if one.direction is not None and one.direction.is_known]
     if known:
         _update_elevation(component, past, [direction for _, direction in known], shares[:, [j for j, _ in known]], time)
     if sum(whole) >= ASSOCIATED:
