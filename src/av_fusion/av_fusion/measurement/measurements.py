@@ -152,13 +152,11 @@ class CameraMeasurement(NamedTuple):
 
 
 def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
-    """The measurement with its plausible hypotheses; None if nothing plausible is left. An impossible judgement is unknown."""
+    """The measurement with its plausible hypotheses; None if nothing plausible is left."""
     plausible = (math.isfinite(measurement.time) and 0.0 < measurement.confidence <= 1.0
                  and 0.0 < measurement.window <= 60.0)
     if not plausible:
         return None
-    if measurement.drone_probability < 0.0 or measurement.drone_probability > 1.0:
-        measurement = measurement._replace(drone_probability=math.nan)
     kept = _usable(measurement.hypotheses)
     if not kept:
         return None
