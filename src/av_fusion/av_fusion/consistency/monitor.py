@@ -36,7 +36,7 @@ from av_fusion.consistency.setup_model import (
 from av_fusion.disambiguation.ambiguity import RELEASE
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import direction, turned_back
+from av_fusion.measurement.vectors import direction, heading, turned_back
 
 
 class Part(NamedTuple):
@@ -271,9 +271,7 @@ class ConsistencyMonitor:
 
     def _level(self, time: float) -> NDArray:
         """Rotation of the body against a level one of the same heading."""
-        yaw = self._motion.yaw(time)
-        back = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-        return np.asarray(back @ np.array(self._motion.attitude(time)))
+        return np.asarray(np.array(heading(self._motion.yaw(time))).T @ np.array(self._motion.attitude(time)))
 
     def _decide(self, bank: FilterBank, posterior: NDArray) -> None:
         faults = np.argsort(-posterior[1:]) + 1

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.gimbal_geometry import gimbal_to_mount
+from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import GimbalMount
 from av_fusion.disambiguation.rotation import REPLAN_S
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import angles, turned_back
+from av_fusion.measurement.vectors import angles, heading, turned_back
 from av_fusion.tracks.component import GaussianComponent
 
-NEWEST_IMAGE_S = 1.0  # age from which the camera counts as absent
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
 BUDGET_S = 8.0  # for which looks are requested in a row
 FORGET_S = 5.0  # without requests after which looks begin anew
@@ -149,7 +149,7 @@ class LookPlanner:
             self._since, self._look, self._rests_until = None, None, -math.inf
         self._planned = time
         sight = self._sight    # without a new one there is no camera to look with
-        if sight is None or abs(time - sight.time) > NEWEST_IMAGE_S or time < self._rests_until or not components:
+        if sight is None or abs(time - sight.time) > MISSING_AFTER_S or time < self._rests_until or not components:
             self._look = None
             return
         self._since = time if self._since is None else self._since
@@ -162,11 +162,8 @@ class LookPlanner:
 
     def _mount(self, time: float, motion: RigMotion) -> Matrix:
         """Rotation matrix (3, 3) from the gimbal's mount to the world."""
-        if not self._gimbal.stabilized:
-            return np.array(motion.attitude(time)) @ self._gimbal.mount.rotation
-        yaw = motion.yaw(time)
-        heading = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-        return heading @ self._gimbal.mount.rotation
+        carrier = heading(motion.yaw(time)) if self._gimbal.stabilized else motion.attitude(time)
+        return np.array(carrier) @ self._gimbal.mount.rotation
 
     def _sees_look(self, sight: Sight) -> bool:
         return self._look is not None and bool(in_view(self._look[None], sight.camera_in_world, sight.half_view,

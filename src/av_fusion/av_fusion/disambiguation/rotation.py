@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_fusion.measurement.measurements import CameraMeasurement
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, turned, turned_back
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, heading, turned, turned_back
 
 HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
 DONE = math.radians(2.0)  # a rotation is complete when less than this is left
@@ -66,8 +66,8 @@ class Tilt(NamedTuple):
     @classmethod
     def of(cls, attitude: Rows, yaw: float, rate: Vector, axis: Vector) -> Tilt:
         """From the rig's attitude, yaw (rad) and angular velocity (rad/s) in the world, and an axis in the body frame."""
-        heading: Rows = ((math.cos(yaw), -math.sin(yaw), 0.0), (math.sin(yaw), math.cos(yaw), 0.0), (0.0, 0.0, 1.0))
-        return cls(turned_back(heading, turned(attitude, axis)), turned_back(heading, (rate[0], rate[1], 0.0)))
+        level = heading(yaw)
+        return cls(turned_back(level, turned(attitude, axis)), turned_back(level, (rate[0], rate[1], 0.0)))
 
     @property
     def continues(self) -> bool:

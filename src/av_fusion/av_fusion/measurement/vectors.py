@@ -50,6 +50,12 @@ def turned_back(rows: Rows, v: Vector) -> Vector:
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
+def heading(yaw: float) -> Rows:
+    """The rotation of a level frame that is turned by a yaw (rad)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)
+
+
 def direction(azimuth: float, elevation: float = 0.0) -> Vector:
     """Unit vector of an azimuth and an elevation (rad)."""
     level = math.cos(elevation)
