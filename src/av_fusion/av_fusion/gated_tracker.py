@@ -24,7 +24,7 @@ from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import angles, direction, turned, turned_back
 from av_fusion.plain_tracker import FORGET_S, PlainTracker
 from av_fusion.state_machine import StateMachine
-from av_fusion.tracks.likelihood import share_within
+from av_fusion.tracks.past_state import share_within
 
 ROTATION = math.radians(45.0)  # that is requested
 LEAST_TURN = math.radians(40.0)  # after which candidates are compared: the rig does not complete the rotation

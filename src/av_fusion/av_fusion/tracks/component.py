@@ -16,7 +16,7 @@ from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
 from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
-from av_fusion.tracks.past_state import Alternatives, PastState, Row
+from av_fusion.tracks.past_state import Alternatives, PastState, Row, share_within
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
@@ -42,8 +42,7 @@ class BodyDirection(NamedTuple):
     @property
     def front_share(self) -> float:
         """Probability that the azimuth is within 90 degrees."""
-        scale = math.sqrt(2.0 * max(self.azimuth_variance, 1e-12))
-        return 0.5 * (math.erf((0.5 * math.pi - self.azimuth) / scale) + math.erf((0.5 * math.pi + self.azimuth) / scale))
+        return share_within(0.5 * math.pi, self.azimuth, self.azimuth_variance)
 
 
 @dataclass(eq=False, slots=True)

@@ -104,7 +104,7 @@ class Comparison(NamedTuple):
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
         fits (k,): likelihood in each mode relative to that of a component that predicts the measured value without error and
-            variance; at most 1.
+            variance, at most 1; of a detection, over that of a false one.
     """
 
     deviations: Sequence[Deviation]
@@ -237,15 +237,3 @@ def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector |
         return None
     middle = first.azimuth + 0.5 * apart
     return math.cos(middle), math.sin(middle), 0.0
-
-
-def share_within(half_width: float, offset: float, variance: float) -> float:
-    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean.
-
-    Parameters:
-        half_width (rad): half of the width of the interval.
-        offset (rad): centre of the interval minus mean.
-        variance (rad^2): variance of the variable.
-    """
-    scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
-    return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))

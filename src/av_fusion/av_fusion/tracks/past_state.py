@@ -103,3 +103,15 @@ class PastState(NamedTuple):
         h, v = dot(normal, self.left), dot(normal, self.above)
         steepness = max(math.hypot(h, v), 1e-9)
         return math.atan2(dot(normal, self.direction), steepness), (h / steepness, v / steepness)
+
+
+def share_within(half_width: float, offset: float, variance: float) -> float:
+    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean.
+
+    Parameters:
+        half_width (rad): half of the width of the interval.
+        offset (rad): centre of the interval minus mean.
+        variance (rad^2): variance of the variable.
+    """
+    scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
+    return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from av_fusion.measurement.measurements import CameraMeasurement, Detection
 from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
 from av_fusion.tracks.component import GaussianComponent
-from av_fusion.tracks.likelihood import Deviation, WorldDirection, distances, share_within
-from av_fusion.tracks.past_state import PastState, Row
+from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, distances
+from av_fusion.tracks.past_state import PastState, Row, share_within
 
 
 class Image(NamedTuple):
@@ -51,7 +51,7 @@ class SightComparison(NamedTuple):
 
     Parameters:
         component, past: the component, and its direction at the capture time.
-        deviations: of each detection.
+        directions: each detection compared with it, see `found`.
         chance: probability that the target is in view and detected if nothing hides it.
         missed: probability that the image does not show the target.
         found (k, m): likelihood ratio of each detection in each mode of motion, from the target over a false one.
@@ -59,7 +59,7 @@ class SightComparison(NamedTuple):
 
     component: GaussianComponent
     past: PastState
-    deviations: Sequence[Sequence[Deviation]]
+    directions: Sequence[Comparison]
     chance: float
     missed: float
     found: NDArray[np.float64]
@@ -74,13 +74,13 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
         detected: probability that a target in view is detected where nothing hides it.
     """
     chance = detected * math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
-    deviations = [direction.deviations(past) for direction in image.directions]
-    width = 2.0 * image.measurement.half_view
-    found = [detected * odds_of(detection) * width * _densities(parts)
-             for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
+    width, directions = 2.0 * image.measurement.half_view, []
+    for detection, direction in zip(image.measurement.detections, image.directions, strict=True):
+        deviations = direction.deviations(past)
+        directions.append(Comparison(deviations, detected * odds_of(detection) * width * _densities(deviations), direction))
     missed = component.p_hidden + (1.0 - component.p_hidden) * (1.0 - chance)
-    return SightComparison(component, past, deviations, chance, missed,
-                           np.array(found).reshape(len(found), len(component.modes)).T)
+    found = np.array([one.fits for one in directions]).reshape(len(directions), len(component.modes)).T
+    return SightComparison(component, past, directions, chance, missed, found)
 
 
 def _densities(deviations: Sequence[Deviation]) -> NDArray[np.float64]:

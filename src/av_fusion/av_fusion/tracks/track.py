@@ -17,7 +17,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tan
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
-from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, nearness
+from av_fusion.tracks.likelihood import Comparison, Deviation
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
 from av_fusion.tracks.past_state import Alternatives, PastState
 from av_fusion.tracks.settings import FilterSettings
@@ -185,7 +185,9 @@ class Track:
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
-            update_by_sound(time, each, shares)
+            whole = update_by_directions(time, False, component, each.past, each.directions, shares)
+            if sum(whole) >= ASSOCIATED:
+                component.newest_doa = max(component.newest_doa, time)
             component.weight *= total
         self.mixture.reduce()
 
@@ -260,26 +262,38 @@ class Track:
         self._anchor = None
 
 
-def update_by_sound(time: float, compared: SoundComparison, shares: NDArray[np.float64]) -> None:
-    """Update a component by directions of arrival with their association probabilities.
+def update_by_directions(time: float, seen: bool, component: GaussianComponent, past: PastState,
+                         directions: Sequence[Comparison], shares: NDArray[np.float64], fraction: float = 1.0) -> list[float]:
+    """Update a component by the directions of a scan; returns the probability of each that it stems from this component.
 
     Parameters:
         time (s): their capture time.
-        compared: of the component with them.
+        seen: whether by the camera.
+        component, past: the component, and its direction at the capture time.
+        directions: compared with it.
         shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
+        fraction: effective sample fraction by which the evidence is weakened that is kept of the directions: errors of
+            successive images are alike, so that together they say less than the filter, which moves on, makes of each.
     """
-    component, past, directions, _ = compared
-    across, whole = [one.deviations[0] for one in directions], (component.modes @ shares).tolist()
-    row = across[whole.index(max(whole))].row  # those of directions far away differ
-    noises = np.array([np.maximum(d.totals - past.variances(d.row), d.noise) for d in across]).T
-    alternatives = _alternatives(across, shares)._replace(variances=noises)
-    component.accept(time, False, past, row, alternatives)
-    component.update(past, row, alternatives, keep_elevation=directions[0].direction is None)
+    across, is_cone = [one.deviations[0] for one in directions], directions[0].direction is None
+    _update(time, seen, component, past, across, shares, fraction, is_cone)
     known = [(j, one.direction) for j, one in enumerate(directions) if one.direction is not None and one.direction.is_known]
-    if known:
-        _update_elevation(component, past, [direction for _, direction in known], shares[:, [j for j, _ in known]], time)
-    if sum(whole) >= ASSOCIATED:
-        component.newest_doa = max(component.newest_doa, time)
+    theirs = shares[:, [j for j, _ in known]]
+    if np.add.reduce(component.modes @ theirs) > LEAST_ELEVATION_ASSOCIATION:
+        past = component.at(past.lag, past.moved)
+        _update(time, seen, component, past, [direction.deviations(past)[1] for _, direction in known], theirs, fraction)
+        component.elevation_measured = True
+    return np.asarray(component.modes @ shares).tolist()
+
+
+def _update(time: float, seen: bool, component: GaussianComponent, past: PastState, deviations: Sequence[Deviation],
+            shares: NDArray[np.float64], fraction: float, keep_elevation: bool = False) -> None:
+    """Update a component by alternative values of one quantity; see `update_by_directions` and `GaussianComponent.update`."""
+    row = deviations[int(np.argmax(component.modes @ shares))].row  # those of directions far away differ
+    noises = np.array([np.maximum(one.totals - past.variances(one.row), one.noise) for one in deviations]).T
+    alternatives = Alternatives(np.array([one.innovations for one in deviations]).T, noises, shares)
+    component.accept(time, seen, past, row, alternatives._replace(variances=noises / fraction))
+    component.update(past, row, alternatives, keep_elevation)
 
 
 def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64], detected: float) -> float:
@@ -298,8 +312,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         likelihoods = compared.missed + np.add.reduce(found, axis=1)
         shares, likelihood = found / likelihoods[:, None], float(component.modes @ likelihoods)
         component.weigh_modes(likelihoods**image.fraction)
-        whole = (component.modes @ shares).tolist()
-        _associate(image, compared, shares)
+        whole = update_by_directions(image.time, True, component, compared.past, compared.directions, shares, image.fraction)
         score = max((d.score for d, share in zip(image.measurement.detections, whole, strict=True) if share > ASSOCIATED),
                     default=0.0)
         if sum(whole) >= ASSOCIATED:
@@ -326,45 +339,3 @@ def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> 
         ranges = extents(past, image.view, image.measurement)
         here = 1.0 - (1.0 - seen * ranges[1 - axis].share(past)) ** image.fraction
         component.update_moments(past, ranges[axis].row, *truncated(ranges[axis], past, here))
-
-
-def _associate(image: Image, compared: SightComparison, shares: NDArray[np.float64]) -> None:
-    """Update a component by detections with their association probabilities (k, m)."""
-    component, past, across = compared.component, compared.past, [parts[0] for parts in compared.deviations]
-    row = min(compared.deviations, key=nearness)[0].row
-    alternatives = _alternatives(across, shares)
-    # Errors of successive images are alike: together they say less than the filter, which moves on, makes of each.
-    component.accept(image.time, True, past, row, alternatives._replace(variances=alternatives.variances / image.fraction))
-    component.update(past, row, alternatives)
-    known = [j for j, direction in enumerate(image.directions) if direction.is_known]
-    if known:
-        _update_elevation(component, past, [image.directions[j] for j in known], shares[:, known], image.time, image.fraction)
-
-
-def _alternatives(deviations: Sequence[Deviation], shares: NDArray[np.float64]) -> Alternatives:
-    """Measured values with the same noise in every mode, and the probabilities (k, m) that they belong here."""
-    return Alternatives(np.array([one.innovations for one in deviations]).T,
-                        np.array([[one.noise for one in deviations]] * len(shares)), shares)
-
-
-def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[WorldDirection],
-                      shares: NDArray[np.float64], time: float, fraction: float = 0.0) -> None:
-    """Update a component by the elevations of directions with their association probabilities.
-
-    Parameters:
-        component, past: the component, and its direction at the capture time.
-        known: the directions.
-        shares (k, m): see `update_by_sound`.
-        time (s): of their capture.
-        fraction: effective sample fraction of an image; 0 for sound, whose variances hold it already.
-    """
-    whole = (component.modes @ shares).tolist()
-    if sum(whole) > LEAST_ELEVATION_ASSOCIATION:
-        past = component.at(past.lag, past.moved)
-        ups = [direction.deviations(past)[1] for direction in known]
-        row = ups[whole.index(max(whole))].row  # axes of directions far away differ
-        alternatives = _alternatives(ups, shares)
-        component.accept(time, fraction > 0.0, past, row,
-                         alternatives._replace(variances=alternatives.variances / (fraction or 1.0)))
-        component.update(past, row, alternatives)
-        component.elevation_measured = True
