@@ -35,7 +35,7 @@ class StateMachine:
         self.changed = 0.0
         self.sight_confidence = 0.0
         self.sound_confidence = 0.0
-        self._newest_image = self._newest_doa = self._associated_doa = -math.inf
+        self._newest_image = self._newest_doa = -math.inf
 
     def on_image(self, time: float, score: float) -> None:
         """Use the score of the target's detection in an image, 0 if it was not detected.
@@ -47,26 +47,24 @@ class StateMachine:
         if time >= self._newest_image:
             self._newest_image, self.sight_confidence = time, score
 
-    def on_doa(self, time: float, confidence: float, associated: bool = True) -> None:
+    def on_doa(self, time: float, confidence: float) -> None:
         """Use the confidence of a direction of arrival.
 
         Parameters:
             time (s): centre of the window.
             confidence: confidence 0..1.
-            associated: whether it supports the track; the microphones lead by such directions only.
         """
-        if associated:
-            self._associated_doa = max(self._associated_doa, time)
         if time >= self._newest_doa:
             self._newest_doa, self.sound_confidence = time, confidence
 
-    def step(self, time: float, tracked: bool, why: str = '') -> State:
+    def step(self, time: float, tracked: bool, why: str = '', heard: float | None = None) -> State:
         """The state at `time`.
 
         Parameters:
             time (s): time of the decision.
             tracked: whether a target is followed; without one the state is NONE.
             why: why none is followed; empty where nothing is tracked.
+            heard (s): capture time of the newest direction of arrival that supports the target; None: of any.
         """
         recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
         if not tracked:
@@ -74,7 +72,7 @@ class StateMachine:
         elif recent_image and self.sight_confidence >= self.tau:
             wanted = State.VISUAL_ACTIVE
         else:
-            recent_doa = time - self._associated_doa <= SOUND_TIMEOUT_S
+            recent_doa = time - (self._newest_doa if heard is None else heard) <= SOUND_TIMEOUT_S
             wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
         if wanted != self.state or not tracked:
             self.changed = time if wanted != self.state else self.changed

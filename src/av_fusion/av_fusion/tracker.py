@@ -123,8 +123,7 @@ class MultiTargetTracker:
         heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(measurements) == 1
                  else self._calibration.array.corrected(one) for one in measurements]
         self.filter.update_sound(time, heard)
-        followed = self._followed()
-        self.machine.on_doa(time, heard[0].confidence, followed is not None and followed.heard >= time)
+        self.machine.on_doa(time, heard[0].confidence)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `PlainTracker`."""
@@ -135,7 +134,7 @@ class MultiTargetTracker:
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         self._calibration.see(time, measurement.best if len(seen) < 2 else None)
         self.filter.update_image(time, measurement)
-        followed = self._followed()
+        followed = next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
         score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0
         self.machine.on_image(time, score)
         if self.looks is not None:
@@ -157,7 +156,7 @@ class MultiTargetTracker:
         followed = next((target for target in found if target.id == chosen), None)
         if followed is None:
             return self._without_target(time, found)
-        state = self.machine.step(time, True)
+        state = self.machine.step(time, True, heard=tracks[chosen].heard)
         if self.looks is not None and state == State.VISUAL_ACTIVE:
             self.looks.cancel()
         source = Source.NOTHING if state == State.COASTING else followed.track.source
@@ -217,13 +216,6 @@ class MultiTargetTracker:
             if track.kind.is_fixed and primary is not None:
                 found[f'fixed emitter {track.id}'] = f'at {math.degrees(primary.azimuth):.0f} deg in the world'
         return {**found, **self._calibration.diagnostics()}
-
-    def _followed(self) -> FilterTrack | None:
-        """The followed target, or the one that would be."""
-        tracks = {track.id: track for track in self.filter.tracks}
-        return tracks.get(self._targets.selected) or max(
-            (track for track in tracks.values() if not track.kind.drone < self._selection.threshold),
-            key=lambda track: track.existence, default=None)
 
     def _reset_after_gap(self, time: float) -> None:
         if math.isfinite(self.filter.newest) and abs(time - self.filter.newest) > MAX_GAP_S:
