@@ -6,6 +6,7 @@ They do not depend on level and sample rate: powers count relative to their mean
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -17,8 +18,8 @@ FRAME_S, HOP_S = 0.256, 0.064  # length of a frame and time between frames; a bi
 SEGMENT_FRAMES = 12  # of which features are computed: one second
 LOWEST_HZ, HIGHEST_HZ = 62.5, 7500.0
 BANDS = 24  # evenly spaced in mel
-# Spectral lines stand out from the median over this width.
-FLOOR_HZ, LARGEST_PROMINENCE = 200.0, 5.0
+# Spectral lines stand out from the median over this width: 200 Hz.
+FLOOR_BINS, LARGEST_PROMINENCE = round(200.0 * FRAME_S) | 1, 5.0
 # Powers of a direction below this share of the power at a microphone are other directions' remains.
 LEAST_SHARE = 0.05
 FUNDAMENTALS_HZ = (45.0, 900.0)  # of combs: blade passing frequencies, and those of voices and engines
@@ -52,6 +53,11 @@ class Segment:
     power: NDArray
     total: NDArray
 
+    @cached_property
+    def prominence(self) -> NDArray[np.float32]:
+        """How much each bin (k,) stands out from its surroundings; see `prominence_of`."""
+        return prominence_of(self.power, self.total)
+
 
 def bin_frequencies() -> NDArray:
     """Frequencies (k,) in Hz of the bins of a `Segment`."""
@@ -74,7 +80,6 @@ class DroneFeatures:
     def __init__(self) -> None:
         self._frequencies = frequencies = bin_frequencies()
         self._bands = _mel_filters(frequencies)
-        self._floor_bins = round(FLOOR_HZ * FRAME_S) | 1
         count = int(np.log(frequencies[-1] / FUNDAMENTALS_HZ[0]) / LOG_STEP)
         self._log_axis = FUNDAMENTALS_HZ[0] * np.exp(LOG_STEP * np.arange(count))
         below = np.searchsorted(frequencies, self._log_axis * np.exp(-0.5 * LOG_STEP))
@@ -88,20 +93,18 @@ class DroneFeatures:
     def __call__(self, segment: Segment) -> NDArray[np.float32]:
         """Features (n,) of a segment."""
         bands = self._band_features(segment)
-        halves = np.array_split(np.arange(len(segment.power)), 2)
-        whole, first, second = (self._prominence(segment, frames) for frames in (slice(None), *halves))
-        combs = self._comb_features(whole, first, second)
+        whole, halves = segment.prominence, zip(np.array_split(segment.power, 2), np.array_split(segment.total, 2), strict=True)
+        combs = self._comb_features(whole, *(prominence_of(power, total) for power, total in halves))
         return np.concatenate([bands, combs, self._line_features(whole), self._spacings(whole)]).astype(np.float32)
 
     def fundamental(self, segment: Segment) -> float:
         """Fundamental (Hz) of the harmonics, which is the blade-pass frequency of a drone; NaN where none stand out."""
-        prominence = self._prominence(segment, slice(None))
-        lines = uniform_filter1d(self._on_log_axis(prominence), COMB_STEPS)
+        lines = uniform_filter1d(self._on_log_axis(segment.prominence), COMB_STEPS)
         scores = self._combs @ lines - self._gaps @ lines
         if scores.max() < LEAST_COMB:
             return float('nan')
         found = float(self._fundamentals[int(np.argmax(scores))])
-        tones = np.where(prominence > LEAST_PROMINENCE, segment.power.mean(axis=0), 0.0)
+        tones = np.where(segment.prominence > LEAST_PROMINENCE, segment.power.mean(axis=0), 0.0)
         tones = maximum_filter1d(np.maximum(tones, 0.0), TONE_BINS)
         multiple = self._multiple(tones, found)
         return multiple * found if multiple * found <= FUNDAMENTALS_HZ[1] else found
@@ -122,14 +125,6 @@ class DroneFeatures:
         overall = np.log(np.maximum(power.sum(axis=1), LEAST_SHARE * total.sum(axis=1)) + 1e-20)
         share = np.maximum(power.sum(), 0.0) / (total.sum() + 1e-20)
         return np.concatenate([mean - mean.mean(), level.std(axis=0), change[::3], [overall.std(), np.ptp(overall), share]])
-
-    def _prominence(self, segment: Segment, frames: NDArray | slice) -> NDArray:
-        """How much each bin (k,) stands out from its surroundings, as the logarithm of a ratio of powers, from 0."""
-        power, total = segment.power[frames].mean(axis=0), segment.total[frames].mean(axis=0)
-        level = np.log(np.maximum(power, LEAST_SHARE * total) + 1e-20)
-        coarse = median_filter(level[::4], self._floor_bins // 4, mode='nearest')
-        floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse).astype(level.dtype)
-        return np.clip(level - floor, 0.0, LARGEST_PROMINENCE)
 
     def _on_log_axis(self, prominence: NDArray) -> NDArray:
         """Largest prominence within each cell of the logarithmic axis."""
@@ -162,6 +157,19 @@ class DroneFeatures:
         correlation = fft.irfft(np.abs(fft.rfft(low, size)) ** 2, size)
         correlation /= max(correlation[0], 1e-9)
         return np.maximum.reduceat(correlation[:self._lags[-1]], self._lags[:-1])
+
+
+def prominence_of(power: NDArray, total: NDArray) -> NDArray[np.float32]:
+    """How much each bin (k,) stands out from its surroundings, as the logarithm of a ratio of powers, from 0.
+
+    Parameters:
+        power, total (t, k): see `Segment`.
+    """
+    least = LEAST_SHARE * total.mean(axis=0)
+    level = np.log(np.maximum(power.mean(axis=0), least) + 1e-20)
+    coarse = median_filter(level[::4], FLOOR_BINS // 4, mode='nearest')
+    floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
+    return np.clip(level - floor, 0.0, LARGEST_PROMINENCE).astype(np.float32)
 
 
 def _correlations(part: NDArray, whole: NDArray) -> NDArray:

@@ -191,7 +191,7 @@ class FurtherSources(SteeredResponse):
                 left = np.add.reduceat((others * one.conj()).real.sum(axis=0) / pairs, self._clusters)
                 left /= np.maximum(np.add.reduceat(count, self._clusters), 1)
                 share = np.repeat(np.maximum(left, 0.0), self._cluster_sizes)
-            others = others - self._baselines.counts[:, None] * (share * count).astype(np.float32) * one
+            others -= (np.outer(self._baselines.counts, share * count)).astype(np.float32) * one
         return others
 
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:

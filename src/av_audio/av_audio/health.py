@@ -23,6 +23,7 @@ QUIET_DB = 6.0 + 2.0 * 3.0
 TOP, LEAST_SPIKE, CLIPPED_SHARE = 0.005, 4.0, 1e-3
 COPY_SHARE, COPY_RESIDUAL = 1e-3, 4.0 * 2.0**-30 / 12.0    # of the power; twice the quantisation of 16 bits in each
 OCTAVES_HZ = 125.0 * 2.0 ** np.arange(6)    # lower edges
+LEAST_BINS = 8    # of an octave, for a coherence
 INCOHERENT = 1e-3    # probability that noise alone is as coherent in an octave
 # Cumulative sums of log-likelihood ratios (Page, 1954): on average a million windows, 70 h, pass until one is false (Lorden,
 # 1971). Of nine windows that can tell, eight tell the truth.
@@ -79,6 +80,9 @@ class ChannelHealth:
                      for i, j in self._pairs]
         self._permitted = BODY_STRETCH * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
         self._order = None if array is None else ChannelOrder(array, sample_rate, BODY_STRETCH)
+        self._taper, self._frequencies = np.hanning(self._window), fft.rfftfreq(self._window, 1.0 / sample_rate)
+        edges = np.searchsorted(self._frequencies, (OCTAVES_HZ, 2.0 * OCTAVES_HZ)).T
+        self._octaves = [slice(begin, end) for begin, end in edges.tolist() if end - begin >= LEAST_BINS]
         self._evidence: dict[tuple[str, tuple[int, ...]], float] = {}
         self._told: Found = {}
         self.clear()
@@ -97,7 +101,7 @@ class ChannelHealth:
             waiting = np.concatenate(self._waiting).astype(float)
             whole = len(waiting) // self._window * self._window
             for window in np.split(waiting[:whole], whole // self._window):
-                self._judge(window)
+                self._judge(np.ascontiguousarray(window.T))
             self._waiting, self._count = [waiting[whole:]], len(waiting) - whole
 
     @property
@@ -112,11 +116,12 @@ class ChannelHealth:
         return [k for k in range(self._channels) if k not in wrong]
 
     def _judge(self, window: NDArray) -> None:
+        """Take the samples (m, n) of a window."""
         if not np.isfinite(window).all():
             return
-        offsets = window.mean(axis=0)
-        sound = window - offsets
-        power = np.einsum('nm,nm->m', sound, sound) / len(sound)
+        offsets = window.mean(axis=1)
+        sound = window - offsets[:, None]
+        power = np.einsum('mn,mn->m', sound, sound) / self._window
         with np.errstate(divide='ignore'):
             self.levels_dbfs = 10.0 * np.log10(power)
         dead = self.levels_dbfs < DEAD_DBFS
@@ -127,7 +132,7 @@ class ChannelHealth:
         found |= {('offset', (k,)): f'channel {k} has a constant offset of {offsets[k]:+.2f} of full scale'
                   for k in np.flatnonzero(steady)}
         found |= {('clips', (k,)): f'channel {k} clips in {100.0 * share:.1f} % of the samples'
-                  for k in range(self._channels) if (share := _clipped(window[:, k])) > CLIPPED_SHARE}
+                  for k in range(self._channels) if (share := _clipped(window[k])) > CLIPPED_SHARE}
         found |= {('copy', copies): f'channels {_listed(copies)} are identical: one microphone, not an array'
                   for copies in _copies(sound, power, dead)}
         open_kinds = {'dead', 'offset', 'clips', 'copy'}
@@ -151,15 +156,12 @@ class ChannelHealth:
                 del self._evidence[fault]
 
     def _compare(self, sound: NDArray) -> tuple[Found, set[str]]:
-        """What neighbouring channels of a window (n, m) say about each other, and the kinds of faults that it can tell."""
-        spectra = fft.rfft(sound * np.hanning(len(sound))[:, None], axis=0).T
-        frequencies = fft.rfftfreq(len(sound), 1.0 / self._rate)
-        octaves = slice(0, int(np.searchsorted(frequencies, 2.0 * OCTAVES_HZ[-1])))
-        powers, turns = np.abs(spectra[:, octaves]) ** 2, 2.0 * np.pi * frequencies[octaves]
+        """What neighbouring channels of a window (m, n) say about each other, and the kinds of faults that it can tell."""
+        spectra, frequencies = fft.rfft((sound * self._taper).astype(np.float32)), self._frequencies
         signs, peaks, late, ratios, deaf = [], [], [], [], []
         for (i, j), permitted in zip(self._pairs, self._permitted, strict=True):
             cross = spectra[i] * spectra[j].conj()
-            lags, curve, sigma = delay_curve(cross, frequencies, len(sound), LONGEST_S + permitted)
+            lags, curve, sigma = delay_curve(cross, frequencies, self._window, LONGEST_S + permitted)
             inside, peak = np.abs(lags) <= permitted, int(np.argmax(np.abs(curve)))
             peaks.append(lags[peak] if abs(curve[peak]) > PEAK_SIGMAS * sigma else math.nan)
             heights = curve[inside].max(), -curve[inside].min(), np.abs(curve[~inside]).max(initial=0.0)
@@ -168,8 +170,7 @@ class ChannelHealth:
             signs.append((1, -1, 0)[best] if clear else 0)
             delay = float(lags[np.argmax(np.where(inside == (best < 2), np.abs(curve), 0.0))])
             late.append(delay if clear and best == 2 else 0.0)
-            turned = cross[octaves] * np.exp(1j * turns * delay)
-            ratio, is_deaf = _ratio(turned, powers[i], powers[j], frequencies[octaves])
+            ratio, is_deaf = self._ratio(spectra[i], spectra[j], delay)
             ratios.append(ratio)
             deaf.append(is_deaf)
         found, kinds = self._levels(ratios, deaf)
@@ -213,6 +214,31 @@ class ChannelHealth:
             found |= {('inverted', (int(k),)): f'channel {k} is inverted' for k in np.flatnonzero(polarity[:-1] == wrong)}
         return found
 
+    def _ratio(self, first: NDArray, second: NDArray, delay: float) -> tuple[tuple[float, float], int]:
+        """Bounds (dB) of the level of what is heard, and which hears nothing; see `_levels`.
+
+        Noise of the second microphone alone makes |S_12| / S_22 too small, of the first alone S_11 / |S_12| too large.
+
+        Parameters:
+            first, second (k,): spectra.
+            delay (s): of the first against the second.
+        """
+        least, largest, apart = math.inf, -math.inf, []
+        for octave in self._octaves:
+            angles = 2.0 * np.pi * delay * self._frequencies[octave]
+            turned = second[octave] * (np.cos(angles) - 1j * np.sin(angles))
+            shared = abs(np.vdot(turned, first[octave]))
+            one, other = (float(np.vdot(part[octave], part[octave]).real) for part in (first, second))
+            if min(one, other) <= 0.0:
+                continue
+            apart.append(10.0 * math.log10(one / other))
+            if shared**2 / (one * other) > 1.0 - INCOHERENT ** (1.0 / (0.5 * len(turned) - 1.0)):
+                least, largest = min(least, 20.0 * math.log10(shared / other)), max(largest, 20.0 * math.log10(one / shared))
+        if math.isfinite(least):
+            return (least, largest), 0
+        side = 0 if not apart else 1 if max(apart) < -2.0 * QUIET_DB else -1 if min(apart) > 2.0 * QUIET_DB else 0
+        return (math.nan, math.nan), side
+
     def _levels(self, ratios: list[tuple[float, float]], deaf: list[int]) -> tuple[Found, set[str]]:
         """Channels that are quieter than a neighbour.
 
@@ -230,35 +256,9 @@ class ChannelHealth:
         return found, {'quiet'} if any(math.isfinite(least) for least, _ in ratios) else set()
 
 
-def _ratio(cross: NDArray, first: NDArray, second: NDArray, frequencies: NDArray) -> tuple[tuple[float, float], int]:
-    """Bounds (dB) of the level of what is heard, and which hears nothing; see `ChannelHealth._levels`.
-
-    Noise of the second microphone alone makes |S_12| / S_22 too small, of the first alone S_11 / |S_12| too large.
-
-    Parameters:
-        cross, first, second (k,): cross-spectrum without its delay, and powers.
-        frequencies (Hz): of the bins.
-    """
-    least, largest, apart = math.inf, -math.inf, []
-    for low in OCTAVES_HZ:
-        used = (frequencies >= low) & (frequencies < 2.0 * low)
-        if np.count_nonzero(used) < 8:
-            continue
-        shared, one, other = abs(cross[used].sum()), first[used].sum(), second[used].sum()
-        if min(one, other) <= 0.0:
-            continue
-        apart.append(10.0 * math.log10(one / other))
-        if shared**2 / (one * other) > 1.0 - INCOHERENT ** (1.0 / (0.5 * np.count_nonzero(used) - 1.0)):
-            least, largest = min(least, 20.0 * math.log10(shared / other)), max(largest, 20.0 * math.log10(one / shared))
-    if math.isfinite(least):
-        return (least, largest), 0
-    side = 0 if not apart else 1 if max(apart) < -2.0 * QUIET_DB else -1 if min(apart) > 2.0 * QUIET_DB else 0
-    return (math.nan, math.nan), side
-
-
 def _wander(window: NDArray) -> NDArray:
     """Standard deviations (m,) of the means of a window's eighths."""
-    return np.asarray(np.std([part.mean(axis=0) for part in np.array_split(window, 8)], axis=0))
+    return np.asarray(np.std([part.mean(axis=1) for part in np.array_split(window, 8, axis=1)], axis=0))
 
 
 def _clipped(samples: NDArray) -> float:
@@ -281,7 +281,7 @@ def _spikes(ends: Sequence[NDArray], width: float) -> list[int]:
 
 def _copies(sound: NDArray, power: NDArray, dead: NDArray) -> list[tuple[int, ...]]:
     """Groups of channels of which each is one other times a number, but for the rounding of samples."""
-    shared = sound.T @ sound / len(sound)
+    shared = sound @ sound.T / sound.shape[1]
     groups, left = [], [k for k in range(len(power)) if not dead[k]]
     while left:
         first = left[0]

@@ -134,7 +134,8 @@ def _separated(powers: NDArray, steering: NDArray, gain: NDArray) -> NDArray:
     count, microphones, _ = steering.shape
     beams = np.abs(np.sum(steering.conj()[:, None] * steering, axis=2)) ** 2
     gram = _power(beams, gain / gain[:, None], gain[:, None], microphones).transpose(2, 0, 1)
-    return np.linalg.solve(gram + LOADING * np.eye(count), powers.transpose(2, 0, 1)).transpose(1, 2, 0)
+    inverse = np.linalg.inv(gram + LOADING * np.eye(count)).astype(np.float32)  # with 12 frames each: faster than `solve`
+    return (inverse @ powers.transpose(2, 0, 1)).transpose(1, 2, 0)
 
 
 def _bridged(values: NDArray, free: NDArray) -> NDArray:

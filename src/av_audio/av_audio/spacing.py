@@ -120,10 +120,12 @@ def delay_curve(cross: NDArray, frequencies: NDArray, count: int, longest: float
         count: samples of the window.
         longest (s): delays that are looked at.
     """
-    used = (frequencies > BAND_HZ[0]) & (frequencies < BAND_HZ[1]) & (np.abs(cross) > 0.0)
-    curve = fft.irfft(np.divide(cross, np.abs(cross), out=np.zeros(len(cross), complex), where=used), count)
+    used = slice(*np.searchsorted(frequencies, BAND_HZ).tolist())
+    magnitudes, phases = np.abs(cross[used]), np.zeros_like(cross)
+    np.divide(cross[used], magnitudes, out=phases[used], where=magnitudes > 0.0)
+    curve = fft.irfft(phases, count)
     rate = count * frequencies[1]
     reach = round(longest * rate)
-    sigma = float(np.sqrt(2.0 * np.count_nonzero(used))) / count    # of a sum of as many random phases
+    sigma = math.sqrt(2.0 * np.count_nonzero(magnitudes)) / count    # of a sum of as many random phases
     lags = np.arange(-reach, reach + 1)
     return lags / rate, curve[lags], sigma
