@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
 GAIN_S = 1.0           # time constant with which they follow the scene: below the rate at which flicker disturbs a detector
-SURROUNDINGS, SURROUNDINGS_LEFT = 1 / 12, 0.1  # of heat: range of the local mean in widths, and the share of it that is left
+SURROUNDINGS = 1 / 12  # widths: range of the local mean of heat
 COARSE = 8             # pixels of a step in which the local mean is made
+LEVELS = 3             # of counts for which it is made: cold, between, hot
+RARE = 0.3             # share of the surroundings that an object fills: 50 of 320 pixels, the largest that the detector knows
 LEAST_NOISES = 20.0    # standard deviations of the noise that the range holds: a plain sky is shown as grey, not as noise
 NORMAL_MAD = 1.4826    # standard deviation of normal values over their median absolute deviation
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
@@ -38,8 +40,8 @@ class AutomaticGain:
     What moves both ends of the counts alike is the sensor, such as its flat-field correction, and is followed at once.
 
     Parameters:
-        heat: whether counts are of heat. Then most of the local mean is taken out, as thermal cameras do in pictures of their
-            own: sky and ground differ by far more than what is in them.
+        heat: whether counts are of heat. Then the local mean is taken out, as thermal cameras do in pictures of their own: sky,
+            ground and roofs differ by far more than what is in them.
     """
 
     def __init__(self, heat: bool = False) -> None:
@@ -60,7 +62,7 @@ class AutomaticGain:
         good = usable(counts[::4, ::4])
         if self._heat:
             low, high = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
-            counts = counts - (1.0 - SURROUNDINGS_LEFT) * local_mean(counts.clip(low, high))
+            counts = counts - local_mean(counts.clip(low, high))
         ends = np.asarray(np.percentile(counts[::4, ::4][good], (LOW, HIGH)), float)
         newest = range_of(ends, noise_of(counts[::4]))
         if image.shape[:2] != self._shape or time < self._time:
@@ -98,11 +100,25 @@ def usable(counts: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 
 def local_mean(counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The mean of what surrounds each pixel of an image (h, w[, channels]), with normal weights."""
+    """The mean of what surrounds each pixel of an image (h, w[, channels]) and is about as warm: a roof does not warm the sky.
+
+    A bilateral filter, piecewise linear between LEVELS counts (Durand and Dorsey 2002; of heat: Branchitta et al. 2009). Where
+    less than RARE is about as warm, the mean of all counts.
+    """
     height, width = counts.shape[:2]
-    small = cv2.resize(counts, (max(width // COARSE, 1), max(height // COARSE, 1)), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), SURROUNDINGS * small.shape[1])
-    return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    size = max(width // COARSE, 1), max(height // COARSE, 1)
+
+    def mean(values: NDArray) -> NDArray:
+        return cv2.GaussianBlur(cv2.resize(values, size, interpolation=cv2.INTER_AREA), (0, 0), SURROUNDINGS * size[0])
+
+    low, high = float(counts.min()), float(counts.max())
+    levels = (counts - low) * ((LEVELS - 1) / max(high - low, 1e-9))
+    of_all, found = mean(counts), np.zeros_like(counts)
+    for level in range(LEVELS):
+        share = (1.0 - np.abs(levels - level)).clip(0.0)
+        alike = (mean(share * counts) + RARE * of_all) / (mean(share) + RARE)
+        found += share * cv2.resize(alike, (width, height), interpolation=cv2.INTER_LINEAR)
+    return found
 
 
 def noise_of(counts: NDArray[np.float32]) -> float:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from av_vision.image import AutomaticGain, to_bgr8
+from av_vision.image import LEVELS, RARE, SURROUNDINGS, AutomaticGain, local_mean, to_bgr8
 
 COLOUR = np.random.default_rng(0).integers(0, 256, (7, 11, 3), np.uint8)
 
@@ -88,6 +89,41 @@ def test_ground_and_a_warmer_horizon_do_not_hide_what_is_faint_in_the_sky():
     assert contrast > 2.0 * before > 20.0
     assert shown[:200].mean(axis=1).std() < 0.5 * linear[:200].mean(axis=1).std()
     assert picture(np.dstack([counts] * 3), AutomaticGain(heat=True), 0.0).shape == (256, 320, 3)  # a PNG of 16 bits
+
+
+def test_the_local_mean_before_an_edge_is_that_of_one_side_and_some_of_the_other():
+    """Of normal weights, the share of a side in the surroundings is the normal distribution of the distance from its edge."""
+    counts = np.full((256, 320), 7000.0, np.float32)
+    counts[:, 160:] += 1000.0
+    side = norm.cdf((160.0 - np.arange(320) - 0.5) / (SURROUNDINGS * 320))
+    cold, hot = (1000.0 * RARE * share / (1.0 - share + RARE) for share in (1.0 - side, side))
+    expected = 7000.0 + np.where(np.arange(320) < 160, cold, 1000.0 - hot)
+    np.testing.assert_allclose(local_mean(counts)[128, 80:240], expected[80:240], atol=15.0)  # of cells of 8 pixels
+    between = counts + 1000.0 / (LEVELS - 1)
+    np.testing.assert_allclose(local_mean(between), local_mean(counts) + 1000.0 / (LEVELS - 1), atol=0.1)
+
+
+def beside_a_roof(seed, warmer):
+    """A sky with a drone of 8 x 6 pixels that is 200 counts warmer, and a roof on the quarter at the left."""
+    counts = sky(seed)
+    counts[:, :80] += warmer
+    counts[100:106, 200:208] += 200.0
+    return counts
+
+
+@pytest.mark.parametrize('warmer', [1200.0, 3200.0, -3200.0])
+def test_a_hot_or_cold_roof_does_not_hide_a_drone_before_the_sky(warmer):
+    """Of three or eight times the sky's range; linear gain leaves 255 * 200 / 3600 = 14 grey levels of the drone at most."""
+    shown = picture(beside_a_roof(0, warmer), AutomaticGain(heat=True), 0.0)
+    assert shown[100:106, 200:208].mean() - shown[95:111, 170:190].mean() > 28.0
+
+
+def test_the_gain_of_heat_does_not_flicker_when_a_roof_comes_into_view():
+    gain = AutomaticGain(heat=True)
+    shown = [picture(beside_a_roof(k, 3200.0 * (k >= 30)), gain, k / 30.0)[:, 150:].mean(axis=1) for k in range(90)]
+    assert np.abs(np.diff(shown, axis=0)).max() < 12.0  # noise of rows aside
+    at_once = picture(beside_a_roof(89, 3200.0), AutomaticGain(heat=True), 0.0)[:, 150:].mean(axis=1)
+    assert np.abs(np.diff([shown[29], at_once], axis=0)).max() > 24.0
 
 
 def test_the_gain_begins_anew_with_another_size_and_after_a_loop():
