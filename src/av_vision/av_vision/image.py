@@ -105,20 +105,21 @@ def local_mean(counts: NDArray[np.float32]) -> NDArray[np.float32]:
     A bilateral filter, piecewise linear between LEVELS counts (Durand and Dorsey 2002; of heat: Branchitta et al. 2009). Where
     less than RARE is about as warm, the mean of all counts.
     """
-    height, width = counts.shape[:2]
-    size = max(width // COARSE, 1), max(height // COARSE, 1)
-
-    def mean(values: NDArray) -> NDArray:
-        return cv2.GaussianBlur(cv2.resize(values, size, interpolation=cv2.INTER_AREA), (0, 0), SURROUNDINGS * size[0])
-
     low, high = float(counts.min()), float(counts.max())
     levels = (counts - low) * ((LEVELS - 1) / max(high - low, 1e-9))
-    of_all, found = mean(counts), np.zeros_like(counts)
+    of_all, found = coarse_mean(counts), np.zeros_like(counts)
     for level in range(LEVELS):
         share = (1.0 - np.abs(levels - level)).clip(0.0)
-        alike = (mean(share * counts) + RARE * of_all) / (mean(share) + RARE)
-        found += share * cv2.resize(alike, (width, height), interpolation=cv2.INTER_LINEAR)
+        alike = (coarse_mean(share * counts) + RARE * of_all) / (coarse_mean(share) + RARE)
+        found += share * cv2.resize(alike, counts.shape[1::-1], interpolation=cv2.INTER_LINEAR).reshape(counts.shape)
     return found
+
+
+def coarse_mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The mean of what surrounds each cell of COARSE pixels of an image (h, w[, channels]), with normal weights."""
+    height, width = values.shape[:2]
+    small = cv2.resize(values, (max(width // COARSE, 1), max(height // COARSE, 1)), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), SURROUNDINGS * small.shape[1]), np.float32)
 
 
 def noise_of(counts: NDArray[np.float32]) -> float:

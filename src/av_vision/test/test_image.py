@@ -99,6 +99,7 @@ def test_the_local_mean_before_an_edge_is_that_of_one_side_and_some_of_the_other
     cold, hot = (1000.0 * RARE * share / (1.0 - share + RARE) for share in (1.0 - side, side))
     expected = 7000.0 + np.where(np.arange(320) < 160, cold, 1000.0 - hot)
     np.testing.assert_allclose(local_mean(counts)[128, 80:240], expected[80:240], atol=15.0)  # of cells of 8 pixels
+    np.testing.assert_array_equal(local_mean(counts[..., None])[..., 0], local_mean(counts))
     between = counts + 1000.0 / (LEVELS - 1)
     np.testing.assert_allclose(local_mean(between), local_mean(counts) + 1000.0 / (LEVELS - 1), atol=0.1)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.constants import zero_Celsius
 
 from av_simulator.rendering.view import View
-from av_vision.image import AutomaticGain
+from av_vision.image import HIGH, LOW, AutomaticGain, coarse_mean
 
 SHUTTER_S = 1.0 / 100.0     # exposure time; the camera compensates for less light by gain
 LONGEST_BLUR_PX = 50.0      # size of the largest kernel
@@ -26,6 +26,7 @@ GROUND_WARMER_K = 1.0    # K, ground relative to the air
 TEXTURE_K = 1.0          # K between black and white surfaces of one kind: bark, grass, walls store and emit heat unevenly
 HORIZON_COLDER_K, SKY_COLDER_K = 6.0, 25.0  # K, air relative to a clear sky above the horizon, and at the zenith
 FOG_SHARE = 0.7          # ratio of fog's extinction in the thermal infrared to that of visible light
+REMOVED = 0.9            # share of the mean all around that the electronics take out: real skies are darkest at the horizon
 COUNTS_PER_K = 100.0     # raw counts are hundredths of a kelvin from absolute zero, as radiometric cameras give them
 AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)  # colour of thick fog by day: blue, green, red
 
@@ -179,5 +180,8 @@ class ThermalCamera:
 
     def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:
         """Grey levels as the camera's electronics make them: less of what is warm all around, which darkens the horizon."""
-        grey = AutomaticGain(heat=True).apply(counts, 0.0)
+        heat = counts.astype(np.float32)
+        around = coarse_mean(heat.clip(*np.percentile(heat[::4, ::4], (LOW, HIGH))))
+        around = cv2.resize(around, heat.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        grey = AutomaticGain().apply(heat - REMOVED * around, 0.0)
         return 255 - grey if self._palette == 'black_hot' else grey
