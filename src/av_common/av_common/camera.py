@@ -23,7 +23,7 @@ UNDONE = 0.1  # pixels by which the projection of a ray may miss its pixel
 _SIZE, _FOCAL, _CENTRE = (1, 100_000), (1e-3, 1e7), (-1e6, 1e6)
 _LIMITS: dict[str, tuple[float, float]] = {
     'width': _SIZE, 'height': _SIZE, 'fx': _FOCAL, 'fy': _FOCAL, 'cx': _CENTRE, 'cy': _CENTRE}
-_MOST_COEFFICIENT = 1e4 # of distortion; larger ones are garbage
+_MOST_COEFFICIENT = 1e4  # of distortion; larger ones are garbage
 _MOST_TANGENT = 20.0    # of half the angle that a calibrated image shows: 174 deg of a pinhole lens, 2292 of a fisheye
 _NONE = 1e-3            # pixels: a larger skew, or value where the intrinsic matrix has zeros, makes it another matrix
 

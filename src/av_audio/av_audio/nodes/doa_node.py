@@ -18,11 +18,8 @@ from av_audio.start_check import check_ages, check_hearing
 from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
-from av_common.rate_meter import RateMeter
+from av_common.rate_meter import MISSING_AFTER_S, RateMeter
 from av_interfaces.msg import AudioFrame, DoaArray
-
-# An input without messages for this long is reported as missing.
-SILENT_S = 1.0
 
 
 class DoaNode(RigNode):
@@ -106,13 +103,13 @@ class DoaNode(RigNode):
             status.add('own sound is loudest', f'{self._stage.own_sound:.2f}')
             status.add('drone probability', f'{self._stage.judgement.probability:.2f}')
             status.add('fundamental', f'{self._stage.judgement.fundamental:.0f} Hz')
-        if self._frames.age > SILENT_S:
+        if self._frames.age > MISSING_AFTER_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif latest is not None and not len(latest.azimuth):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
         elif latest is not None and self._stage.wind_dbfs > latest.level_dbfs:
             status.mergeSummary(DiagnosticStatus.WARN, 'wind at the microphones, louder below 100 Hz than all sound')
-        if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
+        if self._needs_motor_speeds and self._motor_speeds.age > MISSING_AFTER_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
         self._diagnose_own_sound(status)
         if self._stage.without_phases:
@@ -128,7 +125,7 @@ class DoaNode(RigNode):
         if self._stage.own_sound > 0.5:
             status.mergeSummary(DiagnosticStatus.WARN, 'the loudest sound comes from within half a metre, as of own rotors: '
                                 'directions have little confidence; record it for ego_noise with record_ego_noise')
-        elif self._rotors_turn and self._motor_speeds.age <= SILENT_S and not noise.known:
+        elif self._rotors_turn and self._motor_speeds.age <= MISSING_AFTER_S and not noise.known:
             status.mergeSummary(DiagnosticStatus.WARN, 'rotors turn and ego_noise names no recording of them: directions may '
                                 'be theirs; make one with record_ego_noise')
 

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_fusion.rig_reporter import REPORT_PERIOD_S
 from av_network import sphere
 from av_network.observation import Report, Sighting
 
-REPORT_PERIOD_S, LASTING_S, SOUND_SPEED = 0.25, 2.0, 343.2  # of a rig's reports, of lasting errors; m/s
+LASTING_S, SOUND_SPEED = 2.0, 343.2  # of lasting errors; m/s
 Trajectory = Callable[[float], NDArray[np.float64]]
 
 
