@@ -181,7 +181,7 @@ class ThermalCamera:
     def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:
         """Grey levels as the camera's electronics make them: less of what is warm all around, which darkens the horizon."""
         heat = counts.astype(np.float32)
-        around = coarse_mean(heat.clip(*np.percentile(heat[::4, ::4], (LOW, HIGH))))
-        around = cv2.resize(around, heat.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        cells = coarse_mean(heat.clip(*np.percentile(heat[::4, ::4], (LOW, HIGH))))
+        around = cv2.resize(cells, heat.shape[::-1], interpolation=cv2.INTER_LINEAR)
         grey = AutomaticGain().apply(heat - REMOVED * around, 0.0)
         return 255 - grey if self._palette == 'black_hot' else grey
