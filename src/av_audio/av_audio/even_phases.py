@@ -50,8 +50,7 @@ class EvenPhases(SteeredResponse):
         self._order = np.argsort(everything, kind='stable')
         super().__init__(array, everything[self._order], speed_of_sound, CLUSTER_HZ)
         self._reflected = Reflections(array, frequencies, speed_of_sound)
-        sizes = np.diff([*self._clusters, len(self._omega)])
-        self._cluster_omega = np.add.reduceat(self._omega, self._clusters) / sizes.astype(np.float32)
+        self._cluster_omega = np.add.reduceat(self._omega, self._clusters) / self._cluster_sizes.astype(np.float32)
 
     def estimate(self, spectra: NDArray) -> tuple[Peak, NDArray]:
         """The highest peak for spectra (m, k), and the mean square (rank, rank) of its shift by reflections from anywhere."""

@@ -55,7 +55,6 @@ class FurtherSources(SteeredResponse):
         self._used = len(frequencies) // self._group * self._group
         super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
         self._least_height = LEAST_COHERENCE * self._used * len(self._baselines.pairs)
-        self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
         self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
@@ -191,7 +190,7 @@ class FurtherSources(SteeredResponse):
                 left = np.add.reduceat((others * one.conj()).real.sum(axis=0) / pairs, self._clusters)
                 left /= np.maximum(np.add.reduceat(count, self._clusters), 1)
                 share = np.repeat(np.maximum(left, 0.0), self._cluster_sizes)
-            others -= (np.outer(self._baselines.counts, share * count)).astype(np.float32) * one
+            others -= np.outer(self._baselines.counts, share * count).astype(np.float32) * one
         return others
 
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:

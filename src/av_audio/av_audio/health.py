@@ -73,7 +73,7 @@ class ChannelHealth:
     """
 
     def __init__(self, channels: int, sample_rate: float, array: MicrophoneArray | None = None) -> None:
-        self._channels, self._rate, self._window = channels, sample_rate, round(WINDOW_S * sample_rate)
+        self._channels, self._window = channels, round(WINDOW_S * sample_rate)
         neighbours = [(k, (k + 1) % channels) for k in range(channels)]
         self._pairs = neighbours if channels > 2 else neighbours[:channels - 1]
         distances = [0.0 if array is None else float(np.linalg.norm(array.positions[i] - array.positions[j]))

@@ -74,6 +74,7 @@ class SteeredResponse:
         self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
         self._slowness = self._baselines.vectors @ array.basis / speed_of_sound  # (u, rank): tau = slowness . q
         self._clusters = np.unique(np.searchsorted(frequencies, np.arange(frequencies[0], frequencies[-1], cluster_hz)))
+        self._cluster_sizes = np.diff([*self._clusters, len(frequencies)])
         step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
         reach = MARGIN * array.aperture / speed_of_sound
         delays = np.linspace(0.0, reach, int(np.ceil(reach / step)) + 1)
