@@ -17,10 +17,11 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.hearing.signals import RATE, Source, add_noise
-from av_evaluation.hearing.trials import C, Window
+from av_evaluation.hearing.trials import C, Locate, Window
 
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 GRID = math.radians(5.0)    # between measured directions of the ears
+HEAD_WINDOW_S = 0.5
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')  # m; their delays are measured
 T60_S = (0.2, 0.7)  # of furnished to bare rooms
 SPACING_M = (0.1, 0.2)  # of pairs
@@ -99,16 +100,34 @@ def with_own_noise(sound: NDArray) -> NDArray:
     return (sound + noise).astype(sound.dtype)
 
 
-def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray]) -> MicrophoneArray:
-    """EARS, calibrated at every other azimuth (n,) in rad, by responses (n, 2, taps), with each of the sounds (m,)."""
+def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray],
+                    locate: Locate | None = None) -> MicrophoneArray:
+    """EARS, calibrated at every other azimuth.
+
+    Parameters:
+        azimuths (n,) (rad): of the responses.
+        responses (n, 2, taps): of both ears.
+        rate (Hz): sample rate.
+        sounds: sounds (m,) that are heard from each of the azimuths.
+        locate: method whose directions are calibrated; None for the default.
+    """
     angles, paths = list[float](), list[float]()
     for azimuth, response in zip(azimuths[::2], responses[::2], strict=True):
         for sound in sounds:
-            localizer = Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5))
-            _, path = measured_path(EARS, localizer.process(with_own_noise(at_ears(sound, response)), 0))
+            path = _paths(with_own_noise(at_ears(sound, response)), rate, locate)
             paths.extend(path)
             angles.extend([azimuth] * len(path))
     return calibrate(EARS, angles, paths).array
+
+
+def _paths(sound: NDArray, rate: int, locate: Locate | None) -> NDArray:
+    """Differences of paths (k,) in m that a method, or the default, measures in each half second of sound (n, 2)."""
+    array = search_array(EARS)
+    if locate is None:
+        localizer = Localizer(array, rate, LocalizerSettings(hop_s=HEAD_WINDOW_S))
+        return measured_path(EARS, localizer.process(sound, 0))[1]
+    windows = np.split(sound, round(len(sound) / (HEAD_WINDOW_S * rate)))
+    return array.aperture * np.sin([locate(Window(window, rate, array, np.nan))[0][0] for window in windows])
 
 
 def pair(spacing: float) -> MicrophoneArray:

@@ -15,6 +15,7 @@ from av_common.angles import wrap
 from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import PEERS
 from av_evaluation.hearing.places import (
+    HEAD_WINDOW_S,
     Field,
     Head,
     at_ears,
@@ -60,23 +61,30 @@ def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figur
 
 
 def kemar(data: Path) -> Iterator[Figure]:
-    """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest."""
+    """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest.
+
+    Each method is calibrated by its own directions; mirror images are folded.
+    """
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     common = np.gcd(rate, RATE)
     clips = [signal.resample_poly(load_clip(path), rate // common, RATE // common)
              for path in sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))]
     if not clips:
         raise FileNotFoundError(f'no drone recordings in {data}')
-    array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips])
-    heard = [Window(sound, rate, array, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
-             for sound in np.split(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 4)]
-    errors = compare(heard, {'ours': ours(Localizer(array, rate, LocalizerSettings(hop_s=0.5)))})['ours'].error
-    truth = np.degrees(wrap(np.array([window.azimuth for window in heard])))
-    yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
-    yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
-    yield Figure('KEMAR, all azimuths, folded: RMSE', rmse(errors), 'deg')
-    yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', share(errors > 20.0), '%')
-    yield Figure('KEMAR, all azimuths, folded: largest error', errors.max(), 'deg')
+    truth = np.degrees(wrap(azimuths[1::2]))
+    for name, locate in {'ours': None, **PEERS}.items():
+        array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips], locate)
+        used = locate or ours(Localizer(array, rate, LocalizerSettings(hop_s=HEAD_WINDOW_S)))
+        heard = (Window(sound, rate, array, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
+                 for sound in np.split(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 4))
+        errors = compare(heard, {name: used})[name].error
+        limits = (1.5, 3.0) if locate is None else (None, None)
+        ahead = errors.reshape(len(truth), -1)[np.abs(truth) <= 60.0]
+        yield Figure(f'KEMAR, {name}, |azimuth| <= 60 deg: mean error', ahead.mean(), 'deg', limits[0])
+        yield Figure(f'KEMAR, {name}: mean error', errors.mean(), 'deg', limits[1])
+        yield Figure(f'KEMAR, {name}: RMSE', rmse(errors), 'deg')
+        yield Figure(f'KEMAR, {name}: errors above 20 deg', share(errors > 20.0), '%')
+        yield Figure(f'KEMAR, {name}: largest error', errors.max(), 'deg')
 
 
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
