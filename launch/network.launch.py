@@ -15,7 +15,16 @@ from pathlib import Path
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch.launch_description_sources import load_python_launch_file_as_module
 
-from av_bringup.launching import RIG_ARGUMENTS, Arguments, describe, require, rig_node, view_nodes
+from av_bringup.launching import (
+    RIG_ARGUMENTS,
+    Arguments,
+    describe,
+    number,
+    require,
+    rig_node,
+    view_nodes,
+    whole_number,
+)
 from av_bringup.supervision import Supervision
 from av_common.launched import RUN_FOLDER
 
@@ -46,10 +55,11 @@ def generate_launch_description() -> LaunchDescription:
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     """The processes selected by the arguments. Raises ValueError or MissingPackageError."""
     require('network.launch.py', 'av_network', 'av_simulator', 'av_sim_bridge')
-    count, radius, duration = _number(arguments, 'rigs', 1, MOST_RIGS), _number(arguments, 'radius', 1, 1000), \
-        _number(arguments, 'duration', 0, math.inf)
-    names = [f'rig{index + 1}' for index in range(int(count))]
-    begin = time.time() + BEGIN_S * (1 + int(count))  # who is not ready by then joins
+    count = whole_number(arguments, 'rigs', 1, MOST_RIGS)
+    radius = number(arguments, 'radius', 'metres from 1 to 1000', 1.0, 1000.0)
+    duration = number(arguments, 'duration', 'seconds', 0.0)
+    names = [f'rig{index + 1}' for index in range(count)]
+    begin = time.time() + BEGIN_S * (1 + count)  # who is not ready by then joins
     node = rig_node(arguments, 'av_network', 'network_node', {
         'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)
@@ -68,13 +78,3 @@ def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begi
     defaults = {name: default for name, (default, _, _) in rig.ARGUMENTS.items()}
     started: list[LaunchDescriptionEntity] = rig.start({**defaults, **values, RUN_FOLDER: arguments[RUN_FOLDER]})
     return started
-
-
-def _number(arguments: Arguments, name: str, low: float, high: float) -> float:
-    try:
-        value = float(arguments[name])
-    except ValueError:
-        value = math.nan
-    if not low <= value <= high or (name == 'rigs' and value != int(value)):
-        raise ValueError(f'{name} is {arguments[name]!r}, expected a number from {low} to {high}')
-    return value

@@ -25,10 +25,12 @@ from av_bringup.launching import (
     detector_nodes,
     doa_node,
     monitor_nodes,
+    number,
     recorder_nodes,
     require,
     rig_node,
     view_nodes,
+    whole_number,
 )
 
 ARGUMENTS = {
@@ -91,10 +93,10 @@ def player_node(arguments: Arguments, receivers: list[str]) -> LaunchedNode:
         receivers: names of the nodes for which the player waits before it starts.
     """
     texts = {name: arguments[name] for name in ('bag', 'bags', 'only', 'recorded_namespace', 'audio_format')}
-    numbers = {name: float(arguments[name]) for name in ('rate', 'duration')}
-    counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
+    numbers = {name: number(arguments, name, 'a number') for name in ('rate', 'duration')}
+    counts = {name: whole_number(arguments, name) for name in ('audio_rate', 'audio_channels')}
     return rig_node(arguments, 'av_bags', 'player_node', {
-        **texts, **numbers, **counts, 'position': float(arguments['start']),
+        **texts, **numbers, **counts, 'position': number(arguments, 'start', 'seconds'),
         'remap': arguments['remap'].split(','), 'wait_for': receivers,
         'detections': not arguments['model']}, output='screen', respawn=False)
 

@@ -14,7 +14,6 @@ ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          
 from __future__ import annotations
 
 import importlib.util
-import math
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -32,10 +31,12 @@ from av_bringup.launching import (
     detector_nodes,
     doa_node,
     monitor_nodes,
+    number,
     recorder_nodes,
     require,
     rig_node,
     view_nodes,
+    whole_number,
 )
 from av_bringup.supervision import RESPAWN, Supervision
 from av_common.launched import RUN_FOLDER
@@ -100,10 +101,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     """The processes selected by the arguments. Raises ValueError, FileNotFoundError or MissingPackageError."""
-    try:
-        duration = float(arguments['duration'])
-    except ValueError as error:
-        raise ValueError(f"duration is {arguments['duration']!r}, expected seconds") from error
+    duration = number(arguments, 'duration', 'seconds', 0.0)
     for name in ('audio', 'video', 'drone_recording', 'model', 'rig', 'array', 'params'):
         named = name == 'model' and not Path(arguments[name]).suffix  # a detector of a package
         if arguments[name] and not named and not Path(arguments[name]).exists():
@@ -172,7 +170,7 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     oracle = arguments['oracle'] == 'true'
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': oracle,
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
-                  'port_offset': int(arguments['port_offset'])}
+                  'port_offset': whole_number(arguments, 'port_offset')}
     if arguments['source'] == 'udp':    # the built-in simulator is on this machine
         parameters |= {'bind_address': arguments['bind_address'], 'control_host': arguments['control_host']}
         if arguments['allowed_senders']:
@@ -183,11 +181,10 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes that play recordings at their own speed instead of microphones and camera, on one clock. Raises ValueError."""
-    try:
-        offset = float(arguments['video_offset'])
-    except ValueError as error:
-        raise ValueError(f"video_offset is {arguments['video_offset']!r}, expected seconds") from error
-    if not math.isfinite(offset) or (offset and not (arguments['audio'] and arguments['video'])):
+    if not (arguments['audio'] or arguments['video']):
+        raise ValueError('source:=file needs audio:= or video:=')
+    offset = number(arguments, 'video_offset', 'seconds')
+    if offset and not (arguments['audio'] and arguments['video']):
         raise ValueError(f'video_offset is {offset}, expected seconds between sound and video: it needs audio:= and video:=')
     sensors, players = [], []
     if arguments['audio']:

@@ -98,6 +98,7 @@ def test_a_misspelt_scenario_ends_the_launch_and_is_named_with_the_nearest(launc
 @pytest.mark.parametrize(('network', 'argument', 'words'), [
     (False, 'namspace:=left', 'namspace:= is no argument of rig.launch.py, the nearest is namespace:='),
     (True, 'rig:=3', 'rig:= is no argument of network.launch.py, the nearest is rigs:='),
+    (True, 'rigs:=2.5', "rigs is '2.5', expected a whole number from 1 to 8"),
     (False, f'audio:={__file__}', 'needs source:=file, and source is sim')])
 def test_an_argument_without_effect_stops_the_launch(refused, network, argument, words):
     assert words in refused(argument, network=network)
@@ -113,6 +114,10 @@ def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
 @pytest.mark.parametrize(('argument', 'complaint'), [
     ('drone_recording:=/no/such.wav', 'drone_recording:=/no/such.wav: no such file'),
     ('duration:=soon', "duration is 'soon'"),
+    ('duration:=-3', "duration is '-3', expected seconds"),
+    ('port_offset:=2.5', "port_offset is '2.5', expected a whole number"),
+    ('source:=file', 'source:=file needs audio:= or video:='),
+    ('view_control:=true', 'view_control:=true needs view:=true'),
     ('source:=magic', 'source')])
 def test_a_wrong_argument_is_named(refused, argument, complaint):
     assert complaint in refused(argument)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -176,6 +177,34 @@ def participants(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchDesc
     return [SetEnvironmentVariable(DDS_VARIABLE, profile), *([note] if count >= MOST_PARTICIPANTS else [])]
 
 
+def number(arguments: Arguments, name: str, expected: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """The value of an argument as a finite number. Raises ValueError with its name for anything else.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        name: of the argument.
+        expected: what it is, for the message.
+        low: the least value.
+        high: the largest value.
+    """
+    try:
+        value = float(arguments[name])
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ValueError(f'{name} is {arguments[name]!r}, expected {expected}')
+    return value
+
+
+def whole_number(arguments: Arguments, name: str, low: float = -math.inf, high: float = math.inf) -> int:
+    """The same as a whole number."""
+    expected = 'a whole number' + (f' from {low} to {high}' if math.isfinite(high) else '')
+    value = number(arguments, name, expected, low, high)
+    if value != int(value):
+        raise ValueError(f'{name} is {arguments[name]!r}, expected {expected}')
+    return int(value)
+
+
 def at_home(value: str) -> str:
     """The value of an argument; ~ at its beginning is the user's home, which a shell leaves alone in `audio:=~/x.wav`."""
     return str(Path(value).expanduser()) if value.startswith('~') else value
@@ -343,8 +372,10 @@ def recorder_nodes(arguments: Arguments) -> list[Node]:
 
 
 def view_nodes(arguments: Arguments) -> list[Node]:
-    """The page for browsers, or an empty list without `view`. Raises MissingPackageError."""
+    """The page for browsers, or an empty list without `view`. Raises MissingPackageError or ValueError."""
     if arguments['view'] != 'true':
+        if arguments['view_control'] == 'true':
+            raise ValueError('view_control:=true needs view:=true')
         return []
     require('view:=true', VIEW_PACKAGE)
     control = {'view_control': arguments['view_control'] == 'true', 'bags': arguments['bags']}

@@ -47,7 +47,7 @@ def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1
             receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
     except OSError as error:
         receiver.close()
-        hint = {errno.EADDRINUSE: ', the port is used by another program',
+        hint = {errno.EADDRINUSE: ', another program uses the port: end it, or choose another port_offset',
                 errno.EADDRNOTAVAIL: ', this machine has no such address'}.get(error.errno or 0, '')
         raise OSError(f'{name}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
