@@ -24,7 +24,7 @@ SHARED_REFLECTIONS = 0.1
 SHARPNESS = 4.0
 # Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor. Without it 32 instead of
 # 53 % of windows in rooms have a confidence of 0.9, with as few wrong ones (`ros2 run av_evaluation hearing robust`).
-EVEN_SIGNIFICANCE = 1.15
+FEWER_CLUSTERS = 1.15
 
 
 class Adaptive:
@@ -56,7 +56,7 @@ class Adaptive:
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
-        significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
+        significance = min(FEWER_CLUSTERS * even.significance, likely.significance)
         return replace(chosen, significance=significance, main_share=even.main_share, reflected=even.reflected)
 
 

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
 from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance
+from av_audio.spectra import TINY
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
 from av_common.microphone_array import PLACED_M, MicrophoneArray
 
@@ -23,7 +24,6 @@ GRID_POINTS_PER_PERIOD = 4.0  # of the highest band: neighbours differ by 90 deg
 REFINEMENTS = 5  # of a maximum on the grid, by the best of its neighbours, each with half of the step
 # Least standard deviation of the significance of noise, of which a recording has few windows.
 LEAST_SPREAD = 0.3
-TINY = float(np.finfo(np.float32).tiny)
 
 
 class Method(NamedTuple):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from av_audio.baselines import Baselines
 from av_audio.blocks import Blocks
+from av_audio.spectra import TINY
 from av_common.microphone_array import MicrophoneArray
 
 # Distance of the blocks of a window: so short that neither direction nor loudness change much within one, and much longer
@@ -27,7 +28,6 @@ PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
 HIGHEST_RATE = 1.2  # that is searched, in 1/s: three standard deviations
 GRID_POINTS_PER_PERIOD = 8.0  # of the highest frequency; with 4 one more of 46 windows of noise passes
-TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
+from av_audio.spectra import TINY
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
 # Windows whose levels differ by less than this are of one throttle: the level of a rotor grows with the fifth to sixth power of
@@ -91,7 +92,7 @@ class EgoNoise:
         group = np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB)
         table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
         values, self.vectors = np.linalg.eigh(table)  # (s, b, m), (s, b, m, m)
-        power = np.maximum(values.mean(axis=-1), np.finfo(np.float32).tiny)
+        power = np.maximum(values.mean(axis=-1), TINY)
         self._values = np.maximum(values, 0.0)[..., None] + power[..., None, None] * SHARES  # (s, b, m, l)
         self._log_volumes = np.log(self._values).sum(axis=2)
 

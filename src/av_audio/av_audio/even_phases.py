@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from av_audio.blocks import Blocks
 from av_audio.reflections import Reflections
+from av_audio.spectra import TINY, phases_of
 from av_audio.steered_response import Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
@@ -55,36 +56,36 @@ class EvenPhases(SteeredResponse):
     def estimate(self, spectra: NDArray) -> tuple[Peak, NDArray]:
         """The highest peak for spectra (m, k), and the mean square (rank, rank) of its shift by reflections from anywhere."""
         power = np.mean(np.abs(spectra) ** 2, axis=0)
-        white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
-        whole = spectra[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
+        white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), TINY))
+        phases = phases_of(spectra)
+        whole = phases[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
         signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
-        parts = [self._phases(whole), *(self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)]
-        weighted = np.concatenate(parts, axis=1)[:, self._order]
+        cut = (phases_of(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)
+        weighted = np.concatenate([self._cross(part) for part in (whole, *cut)], axis=1)[:, self._order]
         peak = self.highest_peak(spectra, weighted)
-        return self._among_reflections(peak, spectra, weighted) if peak.significance > 0.0 else (peak, peak.bias)
+        return self._among_reflections(peak, phases, weighted) if peak.significance > 0.0 else (peak, peak.bias)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         agreement = height / float(np.abs(clusters).sum())
         return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
 
-    def _among_reflections(self, peak: Peak, spectra: NDArray, weighted: NDArray) -> tuple[Peak, NDArray]:
+    def _among_reflections(self, peak: Peak, phases: NDArray, weighted: NDArray) -> tuple[Peak, NDArray]:
         """A peak whose bias counts reflections from anywhere, and the mean square of the shift by those alone.
 
         The bias is that, or what disagreement of the bands states, if that is more: in windows shorter than the reverberation
         neighbouring bins have little in common.
         """
-        ratio = self._reflected.ratio(spectra, peak.q)
+        ratio = self._reflected.ratio(phases, peak.q)
         steered = self._steer(weighted, peak.q)
         _, hessian = self._derivatives(steered)
         coherence = np.add.reduceat(steered.real, self._clusters, axis=1)
         pulled = ratio**2 * self._reflected.pull(coherence, self._cluster_omega, hessian, peak.q)
         return replace(peak, bias=max(pulled, peak.bias, key=np.trace), reflected=ratio), pulled
 
-    def _phases(self, blocks: NDArray) -> NDArray:
-        """Unit cross-spectra (u, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""
-        unit = blocks / np.maximum(np.abs(blocks), np.finfo(np.float32).tiny)
-        by_bin = np.ascontiguousarray(unit.transpose(2, 0, 1))
+    def _cross(self, phases: NDArray) -> NDArray:
+        """Cross-spectra (u, j) of phases (m, b, j), scaled so that all resolutions add up to a coherence of 1."""
+        by_bin = np.ascontiguousarray(phases.transpose(2, 0, 1))
         products = by_bin @ by_bin.conj().swapaxes(1, 2)  # (j, m, m)
         first, second = self._baselines.pairs.T
         cross = self._baselines.sum(np.ascontiguousarray(products[:, first, second].T))
-        return cross / (blocks[0].size * len(first) * (1 + len(self._blocks)))
+        return cross / (phases[0].size * len(first) * (1 + len(self._blocks)))

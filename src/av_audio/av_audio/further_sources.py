@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
 from av_audio.reflections import is_no_reflection
+from av_audio.spectra import phases_of
 from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -166,8 +167,8 @@ class FurtherSources(SteeredResponse):
 
     def _phases(self, spectra: NDArray) -> NDArray:
         """Sums (u, n, j) of the unit phases of the cross-spectra of spectra (m, k) by baseline, in j groups of n bins."""
-        unit = spectra[:, :self._used] / np.maximum(np.abs(spectra[:, :self._used]), np.finfo(np.float32).tiny)
-        unit = np.ascontiguousarray(unit.reshape(len(spectra), -1, self._group).swapaxes(1, 2))
+        groups = phases_of(spectra[:, :self._used]).reshape(len(spectra), -1, self._group)
+        unit = np.ascontiguousarray(groups.swapaxes(1, 2))
         return self._baselines.sum(cross_spectra(unit, self._baselines.pairs))
 
     def _without(self, phases: NDArray, found: Sequence[NDArray]) -> NDArray:

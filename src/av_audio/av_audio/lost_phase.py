@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ
+from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ, TINY
 
 BLOCK_S = 0.02     # frames of codes have 10 to 40 ms
 BAND_HZ = 500.0    # 10 bins of a block, as many values for a median
@@ -35,7 +35,7 @@ def has_lost_phases(window: NDArray, sample_rate: float) -> bool:
     frequencies = fft.rfftfreq(length, 1.0 / sample_rate)
     edges = np.arange(LOWEST_HZ, min(HIGHEST_HZ, CONVERTED_SHARE * sample_rate / 2.0) + 1.0, BAND_HZ)
     starts = np.searchsorted(frequencies, edges)
-    magnitudes = np.log(np.maximum(np.abs(spectra), np.finfo(np.float32).tiny))
+    magnitudes = np.log(np.maximum(np.abs(spectra), TINY))
     for first, second in pairwise(range(len(window))):
         phases = np.abs(np.angle(spectra[first] * spectra[second].conj()))
         levels = magnitudes[first] - magnitudes[second]

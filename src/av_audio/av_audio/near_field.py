@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from av_audio.spectra import TINY
 from av_common.microphone_array import MicrophoneArray
 
-TINY = float(np.finfo(np.float32).tiny)
 SNAPSHOTS = 4  # bins of a covariance: as few as tell coherence, since lines of rotors lie side by side
 # Above this phase between two microphones, of a source on their axis, paths are ambiguous more often than not.
 HIGHEST_PHASE = 1.5 * math.pi

@@ -54,11 +54,11 @@ class Reflections:
         self._by_chance = math.sqrt(0.5 * products)  # of the sum of so many products of any phase
         self._from = COSINES if array.rank == 1 else direction_grid(3, POINTS_PER_UNIT) @ array.basis
 
-    def ratio(self, spectra: NDArray, q: NDArray) -> float:
-        """Reflected over direct power in spectra (m, k) of a source at q (rank,)."""
+    def ratio(self, phases: NDArray, q: NDArray) -> float:
+        """Reflected over direct power in spectra of phases (m, k) of a source at q (rank,)."""
         angles = (self._places @ q).astype(np.float32)[:, None] * self._omega
-        unit = spectra / np.maximum(np.abs(spectra), np.finfo(np.float32).tiny) * (np.cos(angles) - 1j * np.sin(angles))
-        rising, adding = unit[:, 1:] * unit[:, :-1].conj(), unit[:, 1:] * unit[:, :-1]  # of neighbouring bins
+        steered = phases * (np.cos(angles) - 1j * np.sin(angles))
+        rising, adding = steered[:, 1:] * steered[:, :-1].conj(), steered[:, 1:] * steered[:, :-1]  # of neighbouring bins
         whole = sum(np.vdot(rising[j, begin:], rising[i, begin:]).real for i, j, begin in self._apart)
         direct = sum(np.vdot(adding[j, begin:], adding[i, begin:]).real for i, j, begin in self._apart)
         return max(0.0, math.sqrt(max(0.0, float(whole)) / max(float(direct), self._by_chance)) - 1.0)

@@ -17,6 +17,7 @@ HIGHEST_HZ = 8000.0
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
 # prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25
+TINY = float(np.finfo(np.float32).tiny)  # instead of 0, where values are divided by
 
 
 class SpectrumAnalyzer:
@@ -66,6 +67,11 @@ class SpectrumAnalyzer:
         """Mean power of spectra (m, k) after the filter in dB, 0 dB for a full-scale square wave; -inf for silence."""
         power = self._power_scale * np.sum(self.response * np.abs(spectra) ** 2) / len(spectra)
         return float(10.0 * np.log10(power)) if power > 0.0 else -np.inf
+
+
+def phases_of(spectra: NDArray) -> NDArray:
+    """Spectra of any shape with unit magnitude, as of the phase transform (Knapp and Carter, 1976); 0 stays 0."""
+    return np.asarray(spectra / np.maximum(np.abs(spectra), TINY))
 
 
 def butterworth_power(frequencies: NDArray, band: tuple[float, float], order: int) -> NDArray:

@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 
 from av_audio.baselines import Baselines
 from av_audio.drift import GRID_POINTS_PER_PERIOD, is_positive
+from av_audio.spectra import TINY
 from av_common.microphone_array import MicrophoneArray
 
 # The search extends beyond the physical delays by this factor, so that small errors of the geometry do not cut a peak at
@@ -223,7 +224,7 @@ def spread_of(clusters: NDArray) -> float:
 def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> NDArray:
     """Log-likelihood (g,) of a curve less its height: it is one up to a scale, which the covariance at the peak gives."""
     trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
-    return curve * len(hessian) / max(trace, np.finfo(np.float32).tiny)
+    return curve * len(hessian) / max(trace, TINY)
 
 
 def direction_grid(rank: int, points_per_unit: float) -> NDArray:

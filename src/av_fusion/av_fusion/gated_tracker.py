@@ -170,7 +170,8 @@ class GatedTracker(PlainTracker):
             self.planner.cancel()
             return True, 0.0
         return False, self.planner.plan(time, yaw, lambda: [self._candidates],
-                                        Tilt((math.cos(self._axis), math.sin(self._axis), 0.0)), NO_CAMERA)
+                                        Tilt((math.cos(self._axis), math.sin(self._axis), 0.0)), NO_CAMERA,
+                                        RESOLVED_PROBABILITY)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""

@@ -250,7 +250,7 @@ class MultiTargetTracker:
         yaw = self.motion.yaw(time)
         tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
         return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, tilt.axis, self._confirm)
-                                                     for track in tracks], tilt, self._image)
+                                                     for track in tracks], tilt, self._image, self._confirm)
 
     def _plan_look(self, time: float, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
         """Where a look decides most about tracks, of which the last one is followed."""

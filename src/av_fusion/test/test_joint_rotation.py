@@ -8,7 +8,6 @@ import numpy as np
 
 from av_fusion.disambiguation.rotation import (
     BROADSIDE_SIGMA,
-    NEEDED_ODDS,
     RATE,
     WINDOW_S,
     Candidate,
@@ -19,6 +18,7 @@ from av_fusion.disambiguation.rotation import (
 )
 from av_fusion.measurement.measurements import CameraMeasurement
 
+CONFIRM = 0.95
 LEFT = Tilt((0.0, 1.0, 0.0))
 STEP, HORIZON = 0.2, 6.0
 TURNS = (0.5 * math.pi, -0.5 * math.pi)
@@ -55,7 +55,7 @@ def open_time(turn, candidates, random, runs=200):
         whitened = np.linalg.solve(factor, (measured - mean).T).T  # a Cholesky factor is that of every prefix, too
         logs.append(math.log(weight) + np.cumsum(-0.5 * whitened**2 - np.log(np.diag(factor)), axis=1))
     in_view = [np.cos(candidate.azimuth - heading) > math.cos(VIEW.half_view) for candidate in candidates]
-    decided = np.logical_or(*in_view) | (np.abs(logs[0] - logs[1]) > math.log(NEEDED_ODDS))
+    decided = np.logical_or(*in_view) | (np.abs(logs[0] - logs[1]) > math.log(CONFIRM / (1.0 - CONFIRM)))
     return float(np.where(decided.any(axis=1), times[decided.argmax(axis=1)], HORIZON).mean())
 
 
@@ -67,7 +67,7 @@ def test_the_rotation_leaves_fewer_ambiguities_open_than_the_other_one():
                       random.uniform(0.2, 0.8)) for _ in range(random.integers(2, 6))]
         weights = [first.weight + second.weight for first, second in pairs]
         area = [np.average([open_time(turn, each, random) for each in pairs], weights=weights) for turn in TURNS]
-        planned = joint_times(TURNS, pairs, LEFT, VIEW)
+        planned = joint_times(TURNS, pairs, LEFT, VIEW, CONFIRM)
         if abs(area[0] - area[1]) > 0.1 * min(area):
             clear += 1
             right += int(np.argmin(area) == np.argmin(planned))
@@ -78,15 +78,15 @@ def test_the_more_probable_target_decides():
     """Two targets that are resolved sooner by rotations to different sides: existence weighs."""
     for first, second, expected in ((1.0, 0.2, 0), (0.2, 1.0, 1)):
         pairs = [pair(80.0, first), pair(-80.0, second)]
-        alone = [int(np.argmin(expected_times(TURNS, *each, LEFT, VIEW))) for each in pairs]
+        alone = [int(np.argmin(expected_times(TURNS, *each, LEFT, VIEW, CONFIRM))) for each in pairs]
         assert alone[0] != alone[1]
-        assert int(np.argmin(joint_times(TURNS, pairs, LEFT, VIEW))) == alone[expected]
+        assert int(np.argmin(joint_times(TURNS, pairs, LEFT, VIEW, CONFIRM))) == alone[expected]
 
 
 def test_the_planner_turns_to_the_side_of_the_joint_plan():
     pairs = [pair(80.0, 0.3), pair(-80.0, 0.9), pair(-40.0, 0.9)]
-    turn = RotationPlanner().plan(0.0, 0.0, lambda: pairs, LEFT, VIEW)
-    assert np.sign(turn) == np.sign(TURNS[int(np.argmin(joint_times(TURNS, pairs, LEFT, VIEW)))])
+    turn = RotationPlanner().plan(0.0, 0.0, lambda: pairs, LEFT, VIEW, CONFIRM)
+    assert np.sign(turn) == np.sign(TURNS[int(np.argmin(joint_times(TURNS, pairs, LEFT, VIEW, CONFIRM)))])
 
 
 def test_the_planner_turns_the_camera_where_it_is_mounted():
@@ -95,4 +95,4 @@ def test_the_planner_turns_the_camera_where_it_is_mounted():
     back = front._replace(view=((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
     first, second = pair(80.0)
     for view, expected in ((front, 0), (back, 1)):
-        assert int(np.argmin(expected_times(TURNS, first, second, LEFT, view))) == expected
+        assert int(np.argmin(expected_times(TURNS, first, second, LEFT, view, CONFIRM))) == expected

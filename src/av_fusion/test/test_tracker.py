@@ -291,7 +291,7 @@ def test_a_rotation_that_is_asked_for_does_not_wait_for_a_tilt_and_ends_by_itsel
     """A roll tells a high direction from a low one as soon as a rotation would."""
     planner, tilt = RotationPlanner(), Tilt((0.0, 1.0, 0.0), (2.0, 0.0, 0.0))
     pair = [Candidate(0.2, 0.01, 0.0, 0.01, 0.5, -0.5), Candidate(math.pi - 0.2, 0.01, 0.0, 0.01, 0.5, 1.0)]
-    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], tilt, NO_CAMERA)  # noqa: E731
+    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], tilt, NO_CAMERA, 0.95)  # noqa: E731
     assert plan(10.0) == 0.0
     planner.ask(10.1)
     assert plan(10.3) != 0.0 and plan(10.1 + ASKED_S - 0.1) != 0.0

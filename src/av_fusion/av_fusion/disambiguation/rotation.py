@@ -30,7 +30,6 @@ SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear a
 RATE = math.radians(40.0)  # rad/s, expected of the rotation
 SECTOR = math.pi  # rad, largest rotation to either side of the heading of the first request
 BROADSIDE_SIGMA, WINDOW_S = math.radians(2.0), 0.5  # error of a direction of arrival at broadside, and the window that it is of
-NEEDED_ODDS = 19.0  # between both directions, that resolve the ambiguity: a probability of 0.95
 
 
 class Candidate(NamedTuple):
@@ -129,7 +128,7 @@ class RotationPlanner:
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
-             image: CameraMeasurement) -> float:
+             image: CameraMeasurement, confirm: float) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
         Parameters:
@@ -138,6 +137,7 @@ class RotationPlanner:
             find_candidates: returns the possible directions of each target; it is called every REPLAN_S only.
             tilt: the axis between the mirror images, and how the rig tilts.
             image: the newest one, for what the camera can see.
+            confirm: probability of one direction from which the ambiguity counts as resolved.
         """
         replan = not abs(time - self._planned) < REPLAN_S
         if not abs(time - self._planned) < FORGET_S:
@@ -159,7 +159,7 @@ class RotationPlanner:
             return 0.0
         if replan or self._direction not in left:
             turns = [*(direction * room for direction, room in left.items()), 0.0]
-            *expected, waiting = joint_times(turns, self._pairs, tilt, image).tolist()
+            *expected, waiting = joint_times(turns, self._pairs, tilt, image, confirm).tolist()
             if tilt.continues and waiting <= min(expected) and not self.is_asked(time):
                 self._direction = 0.0
                 return 0.0
@@ -181,22 +181,22 @@ class RotationPlanner:
 
 
 def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt,
-                image: CameraMeasurement) -> NDArray[np.float64]:
+                image: CameraMeasurement, confirm: float) -> NDArray[np.float64]:
     """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
 
     The sum over targets of the probability of existence times the expected time is the integral over time of the expected
     number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
 
     Parameters:
-        turns (n,) (rad), tilt, image: see `expected_times`.
+        turns (n,) (rad), tilt, image, confirm: see `expected_times`.
         pairs: both candidates of each target, whose weights sum to its probability of existence.
     """
-    times = [expected_times(turns, first, second, tilt, image) for first, second in pairs]
+    times = [expected_times(turns, first, second, tilt, image, confirm) for first, second in pairs]
     return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
 def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt,
-                   image: CameraMeasurement) -> NDArray[np.float64]:
+                   image: CameraMeasurement, confirm: float) -> NDArray[np.float64]:
     """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
 
     A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
@@ -211,6 +211,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
         first, second: the candidates.
         tilt: the array's axis, and how the rig tilts.
         image: the newest one, for what the camera can see.
+        confirm: probability of one candidate from which the ambiguity counts as resolved.
     """
     candidates = (first, second)
     azimuth, rate, variance, rate_variance, weight, elevation, elevation_variance = np.array(
@@ -232,7 +233,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     in_view = (np.cos(course - middle) > math.cos(image.half_view)).any(axis=1, keepdims=True)
     visibility = image.visibility if math.isfinite(image.visibility) else 0.0
     information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
-    needed = math.log(NEEDED_ODDS) - np.log(weight / weight[::-1])
+    needed = math.log(confirm / (1.0 - confirm)) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear
     beyond = HORIZON[-1] + np.maximum(needed - information[..., -1], 0.0)
