@@ -33,5 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'security: {error}', file=sys.stderr)
         return 1
     print(f'{len(enclaves)} enclaves in {options.keystore}, valid for {options.days:g} days')
-    print(f'ros2 launch av_fusion rig.launch.py security:={options.keystore}')
+    rig = f'namespace:={options.namespace} ' if options.namespace else ''
+    print(f'ros2 launch av_fusion rig.launch.py {rig}security:={options.keystore}')
     return 0
