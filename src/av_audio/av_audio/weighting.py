@@ -79,7 +79,7 @@ def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:
         band: properties of the bins.
     """
     magnitude = np.abs(cross)
-    return band.response / np.maximum(magnitude, np.finfo(magnitude.dtype).tiny)
+    return np.divide(band.response, magnitude, out=np.zeros_like(magnitude), where=magnitude >= np.finfo(magnitude.dtype).tiny)
 
 
 def plain(cross: NDArray, power: NDArray, band: Band) -> NDArray:

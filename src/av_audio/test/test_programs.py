@@ -102,6 +102,22 @@ def test_localize_reports_faults_of_the_channels(array_file, tmp_path, capsys):
     assert 'channels 0, 1 are identical' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('microphones', [[[0.06, 0, 0], [-0.03, 0.05, 0], [-0.03, -0.05, 0]],
+                                         [[0.1, 0.1, 0.1], [0.1, -0.1, -0.1], [-0.1, 0.1, -0.1], [-0.1, -0.1, 0.1]]],
+                         ids=['triangle', 'tetrahedron'])
+def test_localize_reports_a_dead_channel_without_which_a_direction_is_not_measured(microphones, tmp_path, capsys):
+    array = MicrophoneArray(np.array(microphones, dtype=float))
+    array.save(tmp_path / 'array.yaml')
+    sound = flat(np.random.default_rng(5), 1.5, -array.positions @ angles_to_direction(0.5, 0.3) / C)
+    sound *= 0.3 / np.abs(sound).max()
+    sound[:, 0] = 0.0
+    soundfile.write(tmp_path / 'sound.wav', sound, RATE)
+    localize.main([str(tmp_path / 'sound.wav'), '--array', str(tmp_path / 'array.yaml'), '--json'])
+    told = capsys.readouterr()
+    assert 'channel 0 is dead' in told.err
+    assert {record['confidence'] for record in json.loads(told.out)} == {0.0}
+
+
 def test_localize_gives_a_plane_of_microphones_one_direction(tmp_path, capsys):
     array_path = tmp_path / 'square.yaml'
     SQUARE.save(array_path)
