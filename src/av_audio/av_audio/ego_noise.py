@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
+from av_audio.health import copies
 from av_audio.spectra import TINY
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
@@ -63,6 +64,9 @@ class NoiseRecording(NamedTuple):
             raise ValueError(f'{self.name} has samples that are not finite')
         if not self.samples.any(axis=0).all():
             raise ValueError(f'{self.name} has a silent channel')
+        start = self.samples[:round(MIN_DURATION_S * sample_rate)].T.astype(float)
+        if same := copies(start - start.mean(axis=1, keepdims=True)):
+            raise ValueError(f'{self.name} has the same sound in channels {", ".join(map(str, same[0]))}: one microphone')
 
     def windows(self, length: int) -> list[NDArray[np.float32]]:
         """Windows (m, length) that overlap by half. Raises ValueError when it is shorter than one."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.special import rel_entr
 
 from av_audio.channel_order import ChannelOrder
 from av_audio.spacing import CLEARER, LONGEST_S, PEAK_SIGMAS, WINDOW_S, delay_curve
@@ -133,8 +133,8 @@ class ChannelHealth:
                   for k in np.flatnonzero(steady)}
         found |= {('clips', (k,)): f'channel {k} clips in {100.0 * share:.1f} % of the samples'
                   for k in range(self._channels) if (share := _clipped(window[k])) > CLIPPED_SHARE}
-        found |= {('copy', copies): f'channels {_listed(copies)} are identical: one microphone, not an array'
-                  for copies in _copies(sound, power, dead)}
+        found |= {('copy', same): f'channels {_listed(same)} are identical: one microphone, not an array'
+                  for same in copies(sound)}
         open_kinds = {'dead', 'offset', 'clips', 'copy'}
         if not dead.any() and not any(kind == 'copy' for kind, _ in found) and len(self._pairs):
             compared, kinds = self._compare(sound)
@@ -263,26 +263,36 @@ def _wander(window: NDArray) -> NDArray:
 
 def _clipped(samples: NDArray) -> float:
     """Share of the samples (n,) at a level that they reach often and never exceed."""
-    low, high = samples.min(), samples.max()
+    low, middle, high = samples.min(), samples.mean(), samples.max()
     if high <= low:
         return 0.0
-    ends, width = (high - samples, samples - low), TOP * 0.5 * (high - low)
-    spikes = _spikes(ends, width)
-    if any(spikes) and (step := float(np.diff(np.unique(samples)).min())) > width:    # of the converter, in quiet sound
-        spikes = _spikes(ends, step)
-    return sum(spikes) / len(samples)
+    ends = (high - samples, TOP * (high - middle)), (samples - low, TOP * (middle - low))
+    spikes = sum(_spike(beyond, width) for beyond, width in ends)
+    if spikes:
+        step = float(np.diff(np.unique(samples)).min())    # of the converter, which is coarse in quiet sound
+        spikes = sum(_spike(beyond, max(width, step)) for beyond, width in ends)
+    return spikes / len(samples)
 
 
-def _spikes(ends: Sequence[NDArray], width: float) -> list[int]:
-    """Samples within a width of each end, 0 where these are no more than of any sound; `ends` are distances (n,) from them."""
-    counts = [[int(np.count_nonzero(beyond <= part * width)) for part in (1.0, 3.0)] for beyond in ends]
-    return [top if top > LEAST_SPIKE * (near - top) else 0 for top, near in counts]
+def _spike(beyond: NDArray, width: float) -> int:
+    """Samples within a width of an end, from which they are `beyond` (n,) away; 0 where these are no more than of any sound.
+
+    Sound gets rarer towards its extremes: of what is within three widths, a third at most is within one. The probability of
+    more by chance has Chernoff's bound.
+    """
+    top, near = (int(np.count_nonzero(beyond <= part * width)) for part in (1.0, 3.0))
+    if top <= LEAST_SPIKE * (near - top):
+        return 0
+    share, others = (top - 1) / max(near - 1, 1), near - 1    # the extreme itself is at the end by definition
+    rarity = others * float(rel_entr(share, 1.0 / 3.0) + rel_entr(1.0 - share, 2.0 / 3.0))
+    return top if rarity > ALARM else 0
 
 
-def _copies(sound: NDArray, power: NDArray, dead: NDArray) -> list[tuple[int, ...]]:
-    """Groups of channels of which each is one other times a number, but for the rounding of samples."""
+def copies(sound: NDArray) -> list[tuple[int, ...]]:
+    """Groups of channels of a sound (m, n) without offset that are one times a number each, but for the rounding of samples."""
     shared = sound @ sound.T / sound.shape[1]
-    groups, left = [], [k for k in range(len(power)) if not dead[k]]
+    power = shared.diagonal()
+    groups, left = [], np.flatnonzero(power >= 10.0 ** (0.1 * DEAD_DBFS)).tolist()
     while left:
         first = left[0]
         same = [k for k in left if power[k] - shared[first, k] ** 2 / power[first]

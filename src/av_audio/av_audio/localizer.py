@@ -21,7 +21,7 @@ from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
-FULL_SCALE = 0.999  # amplitude from which a sample is clipped
+FULL_SCALE = 0.999  # amplitude from which a sample is clipped, unless others are beyond 1, as in files of floating point
 # Windows in which more of the samples clip have no confidence: of a sine at 1 dB over full scale 30 % clip, of noise with
 # full scale at 2.6 sigma 1 %.
 CLIPPED_SHARE = 0.01
@@ -257,6 +257,6 @@ class Localizer:
             self.without_phases += 1
             return 0.0
         source = self._estimator.probability(peak.significance)
-        loud = max(float(window.max()), -float(window.min())) >= FULL_SCALE
-        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0
+        full = FULL_SCALE <= max(float(window.max()), -float(window.min())) <= 1.0
+        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if full else 0.0
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))

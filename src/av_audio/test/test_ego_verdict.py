@@ -37,3 +37,10 @@ def test_the_program_records_and_judges(tmp_path, monkeypatch, capsys):
     RING.save(tmp_path / 'pair.yaml')
     with pytest.raises(SystemExit, match=r'expected \(n, 8\)'):
         record_ego_noise.main([*arguments, '--judge'])
+
+
+def test_one_microphone_in_two_channels_is_no_recording_of_two():
+    """Such own noise has one dimension: whitened by it, targets seem to be heard at any level."""
+    one = flying(PAIR)[:, :1]
+    with pytest.raises(ValueError, match='the same sound in channels 0, 1'):
+        judge(NoiseRecording(np.repeat(one, 2, axis=1), RATE), PAIR)

@@ -65,6 +65,20 @@ def test_quiet_sound_of_few_steps_of_the_converter_does_not_clip(steps):
     assert not hear(np.round(sound) * 2.0**-15)
 
 
+@pytest.mark.parametrize('rate', [8000, 11_025, 16_000])
+def test_noise_of_few_samples_a_window_does_not_clip(rate):
+    health, noise = ChannelHealth(2, rate), np.random.default_rng(4).normal(size=(100 * rate, 2))
+    for second in np.split(0.05 * noise, 100):
+        health.update(second)
+        assert not health.faults
+
+
+def test_a_click_in_quiet_sound_does_not_clip():
+    quiet = 1e-2 * drone(PAIR)
+    quiet[5000] = 0.8
+    assert not hear(quiet)
+
+
 @pytest.mark.parametrize('gain', [1.0, 0.3])
 def test_one_microphone_in_two_channels_is_named(gain):
     sound = drone(SQUARE)

@@ -151,6 +151,11 @@ def test_silence_and_clipped_channels_have_no_confidence():
     assert only(localizer.process(loud, 0)).confidence[0] == 0.0
 
 
+def test_samples_beyond_full_scale_are_of_floating_point_and_do_not_clip():
+    loud = 1000.0 * plane_wave(PAIR, 10.0, seconds=0.5)
+    assert only(Localizer(PAIR, RATE).process(loud, 0)).confidence[0] > 0.99
+
+
 def test_level_is_that_of_the_band():
     time = np.arange(24_000) / RATE
     tone = 0.5 * np.sin(2.0 * np.pi * 1000.0 * time)[:, None] * np.ones(2)
