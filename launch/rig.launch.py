@@ -30,6 +30,7 @@ from av_bringup.launching import (
     describe,
     detector_nodes,
     doa_node,
+    make_folder,
     monitor_nodes,
     number,
     recorder_nodes,
@@ -215,6 +216,8 @@ def report_nodes(arguments: Arguments) -> list[ExecuteProcess]:
                 package = module.replace('_', '-')
                 raise MissingPackageError(package, f'{name}:={arguments[name]}', f'pip install {package}')
             peers[parameter] = arguments[name]
+    if arguments['track_log']:
+        make_folder('track_log', arguments['track_log'])
     return [rig_node(arguments, 'av_reports', 'report_node', peers)] if peers else []
 
 

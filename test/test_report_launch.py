@@ -18,7 +18,8 @@ def started(launch_file, **arguments):
 
 @pytest.mark.parametrize('arguments', [{'sapient': '127.0.0.1:5020'}, {'cot': 'udp://239.2.3.1:6969'}, {'track_log': 'tracks'},
                                        {'sapient': '127.0.0.1:5020', 'cot': 'udp://239.2.3.1:6969'}])
-def test_each_argument_starts_the_node_and_none_does_not(launch_file, monkeypatch, arguments):
+def test_each_argument_starts_the_node_and_none_does_not(launch_file, monkeypatch, tmp_path, arguments):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(importlib.util, 'find_spec', lambda name: name)
     assert 'report_node' not in started(launch_file)
     assert started(launch_file, **arguments).count('report_node') == 1

@@ -205,6 +205,21 @@ def whole_number(arguments: Arguments, name: str, low: float = -math.inf, high: 
     return int(value)
 
 
+def make_folder(name: str, folder: str) -> None:
+    """Make a folder for results before the run that gives them. Raises ValueError where nothing can be written to it.
+
+    Parameters:
+        name: of the launch argument.
+        folder: its value.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f'{name}:={folder} cannot be made: {error.strerror}') from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f'{name}:={folder} cannot be written')
+
+
 def at_home(value: str) -> str:
     """The value of an argument; ~ at its beginning is the user's home, which a shell leaves alone in `audio:=~/x.wav`."""
     return str(Path(value).expanduser()) if value.startswith('~') else value
@@ -287,7 +302,8 @@ def monitor_nodes(arguments: Arguments, duration: float = 0.0) -> list[Node]:
         arguments: values of the launch arguments.
         duration (s): after which it ends; 0 for never.
 
-    Raises MissingPackageError where an argument asks for the monitor, ValueError where `out` and `monitor` disagree.
+    Raises MissingPackageError where an argument asks for the monitor, ValueError where `out` and `monitor` disagree, and where
+    the folder of the results cannot be written.
     """
     monitor, out = arguments['monitor'], arguments['out']
     if monitor == 'false':
@@ -298,6 +314,8 @@ def monitor_nodes(arguments: Arguments, duration: float = 0.0) -> list[Node]:
         require(f'out:={out}' if out else 'monitor:=true', MONITOR_PACKAGE)
     elif not is_installed(MONITOR_PACKAGE):
         return []
+    if out:
+        make_folder('out', out)
     return [rig_node(arguments, MONITOR_PACKAGE, 'monitor_node', {'out': out, 'duration': duration},
                      output='screen', sigterm_timeout='20', respawn=False)]
 
