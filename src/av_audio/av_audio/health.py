@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.special import rel_entr
 
-from av_audio.channel_order import ChannelOrder
+from av_audio.channel_order import OUTLIER, ChannelOrder
 from av_audio.spacing import CLEARER, LONGEST_S, PEAK_SIGMAS, WINDOW_S, delay_curve
 from av_common.acoustics import BODY_STRETCH, speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -177,6 +177,8 @@ class ChannelHealth:
         if self._order is None:
             return found, kinds
         exchanged = self._order.exchanged(np.array(peaks), VOTE)
+        if exchanged and not self._is_one_wave(spectra, peaks):
+            exchanged = None
         if exchanged is not None:
             kinds.add('exchanged')
         if exchanged:    # which explains delays that are too long
@@ -186,6 +188,22 @@ class ChannelHealth:
             kinds |= {'inverted', 'late', 'apart'}
             found |= self._delays(signs, late)
         return found, kinds
+
+    def _is_one_wave(self, spectra: NDArray, delays: list[float]) -> bool:
+        """Whether delays (m,) in s between neighbours add up to those of second neighbours, as those of one source do.
+
+        Of several near sources, such as own rotors, neighbours here and there hear another one best.
+        """
+        count, tolerance = self._channels, OUTLIER * 0.5 * math.sqrt(3.0) / (self._frequencies[1] * self._window)
+        for k in range(count):
+            after, cross = (k + 1) % count, spectra[k] * spectra[(k + 2) % count].conj()
+            longest = LONGEST_S + self._permitted[k] + self._permitted[after]
+            lags, curve, sigma = delay_curve(cross, self._frequencies, self._window, longest)
+            peak = int(np.argmax(np.abs(curve)))
+            is_clear = abs(curve[peak]) > PEAK_SIGMAS * sigma
+            if not is_clear or abs(delays[k] + delays[after] - lags[peak]) > tolerance:
+                return False
+        return True
 
     def _delays(self, signs: list[int], late: list[float]) -> Found:
         """Signs by which a minority differs, and delays that no direction has.

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from flying_rig import RING, coloured
+from flying_rig import RING, FlyingRig, coloured
 from known_sound import PAIR, RATE, SQUARE, add_noise, rotors
 
 from av_audio.health import ChannelHealth
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
 
 C = speed_of_sound(20.0)
 
@@ -134,3 +135,10 @@ def test_exchanged_channels_of_an_array_are_named(array, pair, named, azimuth):
 
 def test_two_drones_are_no_exchanged_channels():
     assert hear(drone(RING, 0.3) + drone(RING, 2.1, seed=2), RING) == set()
+
+
+@pytest.mark.parametrize('seed', [1008, 1015, 1020])
+def test_own_rotors_are_no_exchanged_channels(seed):
+    turns, rng = np.arange(6) * np.pi / 3.0, np.random.default_rng(seed)
+    array = MicrophoneArray(0.0463 * np.stack([np.cos(turns), np.sin(turns), np.zeros(6)], axis=1))
+    assert hear(0.05 * FlyingRig(array, rng).alone(rng, 6.0)[0], array) == set()
