@@ -182,8 +182,6 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes that play recordings at their own speed instead of microphones and camera, on one clock. Raises ValueError."""
-    if not (arguments['audio'] or arguments['video']):
-        raise ValueError('source:=file needs audio:= or video:=')
     offset = number(arguments, 'video_offset', 'seconds')
     if offset and not (arguments['audio'] and arguments['video']):
         raise ValueError(f'video_offset is {offset}, expected seconds between sound and video: it needs audio:= and video:=')

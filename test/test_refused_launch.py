@@ -116,7 +116,6 @@ def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
     ('duration:=soon', "duration is 'soon'"),
     ('duration:=-3', "duration is '-3', expected seconds"),
     ('port_offset:=2.5', "port_offset is '2.5', expected a whole number"),
-    ('source:=file', 'source:=file needs audio:= or video:='),
     ('out:=/proc/results', 'out:=/proc/results cannot be made'),
     ('track_log:=/proc/tracks', 'track_log:=/proc/tracks cannot be made'),
     ('view_control:=true', 'view_control:=true needs view:=true'),
