@@ -48,6 +48,29 @@ def test_a_source_on_the_axis_is_marked_as_end_fire():
     assert estimate.azimuth_variance[0] > 10.0 * beside.azimuth_variance[0]
 
 
+def test_a_line_that_is_bent_by_two_millimetres_is_a_line():
+    """Positions as measured by a ruler: what the bend tells of sides is less than what sound and positions err by."""
+    bent = MicrophoneArray([[0.0, 0.075, 0.0], [0.002, 0.025, 0.0], [0.0, -0.025, 0.0], [0.0, -0.075, 0.0]])
+    for seed, (azimuth, elevation) in enumerate([(20.0, 0.0), (-50.0, 30.0), (150.0, 10.0), (65.0, 40.0), (-170.0, 20.0)]):
+        sound = plane_wave(bent, azimuth, elevation, noise=0.5, seed=seed)
+        estimate = only(Localizer(bent, RATE, LocalizerSettings(hop_s=1.0)).process(sound, 0))
+        assert len(estimate.azimuth) == 2
+        true = (angles_to_direction(np.radians(azimuth), np.radians(elevation)) @ bent.basis[:, 0])
+        assert np.degrees(abs(np.arccos(estimate.cosine) - np.arccos(true))) < 2.0
+
+
+def test_a_ring_with_a_microphone_two_millimetres_up_is_a_plane():
+    turns = np.arange(6) * np.pi / 3.0
+    positions = np.stack([0.046 * np.cos(turns), 0.046 * np.sin(turns), 0.0 * turns], axis=1)
+    positions[0, 2] = 0.002
+    ring = MicrophoneArray(positions)
+    for seed, (azimuth, elevation) in enumerate([(20.0, 30.0), (-50.0, 45.0), (150.0, 20.0)]):
+        sound = plane_wave(ring, azimuth, elevation, noise=1.5, seed=seed)
+        estimate = only(Localizer(ring, RATE, LocalizerSettings(hop_s=1.0)).process(sound, 0))
+        assert abs(np.degrees(wrap(estimate.azimuth[0] - np.radians(azimuth)))) < 1.0
+        assert np.degrees(estimate.elevation[0]) == pytest.approx(elevation, abs=2.0)
+
+
 @pytest.mark.parametrize('azimuth, elevation', [(0.0, 10.0), (77.0, 45.0), (-135.0, 20.0), (180.0, 5.0)])
 def test_a_square_tells_the_full_circle_and_elevation(azimuth, elevation):
     sound = plane_wave(SQUARE, azimuth, elevation)

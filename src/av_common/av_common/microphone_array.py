@@ -15,7 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from av_common.angles import angles_to_direction
 from av_common.config_reader import ConfigError, bounded, load
 
-PLACED_M = 1e-3  # to which microphones are at their places: they lie on a line or plane up to this, and are apart from this on
+PLACED_M = 1e-3  # to which microphones are at their places, and from which on they are apart
+# Share of the largest dimension up to which another one tells nothing: a usual error of 1 deg in the largest becomes one of
+# more than half of the unit ball.
+FLAT = 0.03
 MOST_MICROPHONES = 256  # so that a file makes no more than 32,640 pairs
 # The wavelength of a blade-pass frequency of 100 Hz, the lowest of drones: farther apart, microphones hear the same period
 # again, whatever the direction.
@@ -160,7 +163,7 @@ class MicrophoneArray:
 
     @cached_property
     def basis(self) -> NDArray:
-        """Orthonormal axes (3, rank) of the line, plane or space that the microphones span.
+        """Orthonormal axes (3, rank) of the line, plane or space that the microphones span, as far as that tells directions.
 
         The line points from the last to the first microphone, so that q rises with the delay; a horizontal plane gets
         x and y.
@@ -169,7 +172,7 @@ class MicrophoneArray:
             return (self.baselines[0] / np.linalg.norm(self.baselines[0]))[:, None]
         _, _, axes = np.linalg.svd(self.positions - self.positions.mean(axis=0))
         spread = np.ptp(self.positions @ axes.T, axis=0)
-        rank = int(np.sum(spread > PLACED_M))
+        rank = int(np.sum(spread > max(PLACED_M, FLAT * float(spread[0]))))
         if rank == 1:
             axis = axes[0] * np.sign(axes[0] @ (self.positions[0] - self.positions[-1]))
             return axis[:, None]
