@@ -55,7 +55,7 @@ def judge(recording: NoiseRecording, array: MicrophoneArray) -> Verdict:
         recording: of the rig alone.
         array: positions of the microphones.
 
-    Raises ValueError for a recording that does not fit the array, is too short.
+    Raises ValueError for a recording that does not fit the array or is too short.
     """
     settings = LocalizerSettings()
     rate, rng = recording.sample_rate, np.random.default_rng(0)    # of the targets, which are noise within the band
