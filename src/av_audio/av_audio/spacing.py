@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from av_audio.spectra import phases_of
 from av_common.microphone_array import MicrophoneArray
 
 WINDOW_S = 0.25      # in which a walking source 2 m away turns by 10 degrees
@@ -121,11 +122,11 @@ def delay_curve(cross: NDArray, frequencies: NDArray, count: int, longest: float
         longest (s): delays that are looked at.
     """
     used = slice(*np.searchsorted(frequencies, BAND_HZ).tolist())
-    magnitudes, phases = np.abs(cross[used]), np.zeros_like(cross)
-    np.divide(cross[used], magnitudes, out=phases[used], where=magnitudes > 0.0)
+    phases = np.zeros_like(cross)
+    phases[used] = phases_of(cross[used])
     curve = fft.irfft(phases, count)
     rate = count * frequencies[1]
     reach = round(longest * rate)
-    sigma = math.sqrt(2.0 * np.count_nonzero(magnitudes)) / count    # of a sum of as many random phases
+    sigma = math.sqrt(2.0 * np.count_nonzero(phases)) / count    # of a sum of as many random phases
     lags = np.arange(-reach, reach + 1)
     return lags / rate, curve[lags], sigma

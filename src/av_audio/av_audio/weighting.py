@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from av_audio.spectra import TINY
+
 # Widths of the running means over frequency in Hz: of powers and coherence, and of the noise, which is smooth. Narrower means
 # follow the spectral lines of a rotor, but have a larger random error.
 LINE_HZ = 40.0
@@ -79,7 +81,7 @@ def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:
         band: properties of the bins.
     """
     magnitude = np.abs(cross)
-    return np.divide(band.response, magnitude, out=np.zeros_like(magnitude), where=magnitude >= np.finfo(magnitude.dtype).tiny)
+    return np.divide(band.response, magnitude, out=np.zeros_like(magnitude), where=magnitude >= TINY)
 
 
 def plain(cross: NDArray, power: NDArray, band: Band) -> NDArray:
@@ -90,7 +92,7 @@ def plain(cross: NDArray, power: NDArray, band: Band) -> NDArray:
         power (p, k): sqrt(P_i P_j) of the same pairs.
         band: properties of the bins.
     """
-    return np.broadcast_to(band.response / max(float(power.mean()), np.finfo(power.dtype).tiny), power.shape)
+    return np.broadcast_to(band.response / max(float(power.mean()), TINY), power.shape)
 
 
 def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:

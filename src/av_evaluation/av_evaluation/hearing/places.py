@@ -21,7 +21,7 @@ from av_evaluation.hearing.trials import C, Locate, Window
 
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 GRID = math.radians(5.0)    # between measured directions of the ears
-HEAD_WINDOW_S = 0.5
+HEAD_WINDOW_S = 0.5  # at the ears
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')  # m; their delays are measured
 T60_S = (0.2, 0.7)  # of furnished to bare rooms
 SPACING_M = (0.1, 0.2)  # of pairs
@@ -126,8 +126,12 @@ def _paths(sound: NDArray, rate: int, locate: Locate | None) -> NDArray:
     if locate is None:
         localizer = Localizer(array, rate, LocalizerSettings(hop_s=HEAD_WINDOW_S))
         return measured_path(EARS, localizer.process(sound, 0))[1]
-    windows = np.split(sound, round(len(sound) / (HEAD_WINDOW_S * rate)))
-    return array.aperture * np.sin([locate(Window(window, rate, array, np.nan))[0][0] for window in windows])
+    return array.aperture * np.sin([locate(Window(window, rate, array, np.nan))[0][0] for window in windows_of(sound, rate)])
+
+
+def windows_of(sound: NDArray, rate: int) -> list[NDArray]:
+    """Half seconds of sound (n, 2) at a sample rate in Hz."""
+    return np.split(sound, round(len(sound) / (HEAD_WINDOW_S * rate)))
 
 
 def pair(spacing: float) -> MicrophoneArray:

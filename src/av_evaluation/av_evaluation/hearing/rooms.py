@@ -23,6 +23,7 @@ from av_evaluation.hearing.places import (
     free_field,
     read_responses,
     rooms,
+    windows_of,
     with_own_noise,
 )
 from av_evaluation.hearing.signals import RATE, Source, load_clip
@@ -72,12 +73,12 @@ def kemar(data: Path) -> Iterator[Figure]:
     if not clips:
         raise FileNotFoundError(f'no drone recordings in {data}')
     truth = np.degrees(wrap(azimuths[1::2]))
+    heard = [(sound, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
+             for sound in windows_of(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), rate)]
     for name, locate in {'ours': None, **PEERS}.items():
         array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips], locate)
         used = locate or ours(Localizer(array, rate, LocalizerSettings(hop_s=HEAD_WINDOW_S)))
-        heard = (Window(sound, rate, array, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
-                 for sound in np.split(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), 4))
-        errors = compare(heard, {name: used})[name].error
+        errors = compare((Window(sound, rate, array, azimuth) for sound, azimuth in heard), {name: used})[name].error
         limits = (1.5, 3.0) if locate is None else (None, None)
         ahead = errors.reshape(len(truth), -1)[np.abs(truth) <= 60.0]
         yield Figure(f'KEMAR, {name}, |azimuth| <= 60 deg: mean error', ahead.mean(), 'deg', limits[0])
