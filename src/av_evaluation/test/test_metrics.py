@@ -56,6 +56,15 @@ def test_known_errors_come_out():
     assert fused.latency_ms == pytest.approx(100.0)
 
 
+def test_what_is_held_errs_by_how_far_the_target_went_on():
+    """At the fused bearings' times: sound of 20 ms by a sample of 0.1 s, sight from its end on by ever more."""
+    _, sound, sight = figures_of(circle_log()).values()
+    step, blind = math.degrees(0.03), 100
+    assert sound.held_rmse_deg <= 5.0 + step + 1e-6
+    held = [step] * (blind - 1) + [k * step for k in range(1, blind + 1)]    # of the sight of image 99, from image 100 on
+    assert sight.held_rmse_deg == pytest.approx(math.sqrt(np.mean(np.square(held))), rel=0.01)
+
+
 def test_gaps_cost_coverage():
     """A bearing missing for a third of the time covers two thirds."""
     log = circle_log()

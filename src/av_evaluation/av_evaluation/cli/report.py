@@ -12,7 +12,7 @@ from pathlib import Path
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import write_json
-from av_evaluation.report.text import format_rows, rmse_cell, rmse_with_coverage, rows_of
+from av_evaluation.report.text import cell, format_rows, rmse_cell, rmse_with_coverage, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
@@ -44,13 +44,14 @@ def measured_version(folder: Path) -> str:
 
 def measured_table(content: Mapping) -> str:
     """The table of the README for the content of metrics.json and the version that was measured, as Markdown."""
-    lines = ['| experiment | sound alone | sight alone (coverage) | fused | published gate | published: sound, sight, fused |',
-             '|---|---|---|---|---|---|']
+    lines = ['| experiment | fused | published gate | sound held | sight held | sound, sight at capture (coverage of sight) '
+             '| published: sound, sight, fused |', '|---|---|---|---|---|---|---|']
     for name, (title, published) in EXPERIMENTS.items():
         figures = content['experiments'].get(name)
         if figures:
-            cells = [rmse_cell(figures['sound']), rmse_with_coverage(figures['sight']),
-                     f'{rmse_cell(figures["fused"])}{_worse(figures)}', rmse_cell(figures['gated']),
+            cells = [f'{rmse_cell(figures["fused"])}{_worse(figures)}', rmse_cell(figures['gated']),
+                     *(cell(figures[sense], 'held_rmse_deg', 1.0, '{:.2f}°') for sense in ('sound', 'sight')),
+                     f'{rmse_cell(figures["sound"])}, {rmse_with_coverage(figures["sight"])}',
                      ', '.join(PUBLISHED[published][1:]) if published else '–']
             lines.append(f'| {title} | {" | ".join(cells)} |')
     if content.get('version'):
@@ -59,10 +60,10 @@ def measured_table(content: Mapping) -> str:
 
 
 def _worse(figures: Mapping) -> str:
-    """Which sensors alone have a smaller error than both together."""
+    """Which sensors held alone have a smaller error than both together, at the same instants."""
     fused = figures['fused']['rmse_deg']
-    better = [name for name in ('sound', 'sight') if None not in (fused, figures[name]['rmse_deg'])
-              and figures[name]['rmse_deg'] < fused]
+    held = {name: figures[name].get('held_rmse_deg') for name in ('sound', 'sight')}
+    better = [name for name, error in held.items() if None not in (fused, error) and error < fused]
     return f' (worse than {" and ".join(better)})' if better else ''
 
 

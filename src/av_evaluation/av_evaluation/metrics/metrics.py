@@ -61,6 +61,24 @@ def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -mat
     return Comparison(time[counted], error[counted], opposite[counted])
 
 
+def held_errors(arrival: NDArray, time: NDArray, azimuth: NDArray, outputs: NDArray, log: RunLog) -> NDArray[np.float64]:
+    """Signed errors (m, degrees) of the newest measurement at the times of outputs; its direction in the world is held.
+
+    Parameters:
+        arrival (n, s): of the measurements.
+        time (n, s): of their capture.
+        azimuth (n, rad): in the body frame at capture.
+        outputs (k, s): instants; those before the first arrival, and those without a truth, are left out.
+        log: with the truth and the rig's heading.
+    """
+    order = np.argsort(arrival, kind='stable')
+    newest = np.searchsorted(arrival[order], outputs, side='right') - 1
+    outputs, newest = outputs[newest >= 0], order[newest[newest >= 0]]
+    world = azimuth[newest] + log.heading(time[newest])
+    error: NDArray[np.float64] = np.degrees(wrap(world - log.heading(outputs) - log.true_azimuth(outputs)))
+    return error[np.isfinite(error)]
+
+
 def errors_of(error_deg: NDArray, opposite: NDArray) -> dict[str, float]:
     """Figures of a series of errors: angles in degrees, shares from 0 to 1; nan without errors.
 

@@ -36,6 +36,8 @@ class MethodResult:
         latency_ms (ms): from the capture of the newest measurement to the bearing, median.
         time_to_resolve_s (s): to resolve front and back; nan but for trackers.
         switches: changes between sight and sound; nan but for trackers.
+        held_deg (k, degrees): signed errors of the newest measurement, held until the next one arrives, at the times of fused
+            bearings; empty but for sound and sight.
     """
 
     time: NDArray
@@ -47,6 +49,7 @@ class MethodResult:
     latency_ms: float = math.nan
     time_to_resolve_s: float = math.nan
     switches: float = math.nan
+    held_deg: NDArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass
@@ -148,6 +151,7 @@ def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float 
     for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
+    figures['held_rmse_deg'] = rmse(np.concatenate([result.held_deg for _, result in results]))
     blocks = [block for _, result in results for block in blocks_of(result.error_time, result.error_deg)]
     figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
     figures['runs'] = len(results)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import acquired, compare, coverage_of, instants, switches, time_to_resolve
+from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, instants, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.report.text import format_rows, rows_of
@@ -81,10 +82,12 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, begin: float,
         delay = series['delay'][series['state'] > 0]
     elif is_tracker(method) and method != 'moving_average':
         delay = np.zeros(0)
-    elif method == 'sight':
-        delay = log.sight['delay']
     else:
-        delay = log.sound['delay']
+        delay = (log.sight if method == 'sight' else log.sound)['delay']
+    if method in ('sound', 'sight'):
+        series, fused = getattr(log, method), log.fused['time'][log.fused['state'] != State.NONE]
+        arrival = dict(zip(series['time'], series['time'] + series['delay'], strict=True))
+        result.held_deg = held_errors(np.array([arrival[each] for each in time]), time, azimuth, fused[fused >= begin], log)
     known = delay[np.isfinite(delay)]
     result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
     return result
