@@ -121,7 +121,7 @@ class DoaStage:
         """
         begin = to_seconds(frame.header.stamp)
         try:
-            estimates = self._estimates(frame)
+            estimates = self.estimates(frame)
         except ValueError:
             self.reset()
             raise
@@ -142,7 +142,8 @@ class DoaStage:
             return [Judgement()] * len(estimate.sources)
         return self._classifier.judge([source.q for source in estimate.sources], self._blade_pass_hz)
 
-    def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
+    def estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
+        """Directions for every window that a frame completes, not judged. Raises ValueError as `on_audio`."""
         if frame.channels != self._array.channels:
             raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {self._array.channels} '
                              f'microphones')

@@ -1,5 +1,7 @@
 """The verdict on a recording of the rig alone: what it buys and when the rig is deaf."""
 
+import contextlib
+
 import numpy as np
 import pytest
 import soundfile
@@ -20,6 +22,17 @@ def test_a_recording_of_rotors_buys_decibels_and_its_limit_is_said():
     """Known of such rigs: with a recording a tenth is wrong at 15 dB, two thirds at 20 dB; without it two thirds at 10 dB."""
     verdict = judge(NoiseRecording(flying(PAIR), RATE), PAIR)
     assert verdict.gain_db >= 5.0 and 5.0 <= verdict.heard_db <= 15.0 < verdict.deaf_db <= 25.0
+
+
+def test_a_recording_that_clips_is_told(tmp_path, capsys):
+    """What is cut off is not the noise that is heard later."""
+    PAIR.save(tmp_path / 'pair.yaml')
+    alone = flying(PAIR)
+    for sigmas, told in ((8.0, False), (2.0, True)):
+        soundfile.write(tmp_path / 'alone.wav', np.clip(alone / (sigmas * alone.std()), -1.0, 1.0), RATE)
+        with contextlib.suppress(SystemExit):
+            record_ego_noise.main([str(tmp_path / 'alone.wav'), '--array', str(tmp_path / 'pair.yaml'), '--judge'])
+        assert ('clips' in capsys.readouterr().err) == told
 
 
 def test_noise_of_the_microphones_cannot_be_bought_off():

@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from std_msgs.msg import Header
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import FRAMES_UNKNOWN, blocks_of, open_sound, pick_channels
-from av_audio.health import ChannelHealth
-from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.localizer import DoaEstimate, LocalizerSettings
+from av_audio.messages import audio_frame
 from av_audio.methods import DOA_METHODS
 from av_audio.spacing import SpacingCheck
+from av_audio.stage import DoaStage
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
@@ -53,6 +55,8 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
                   progress: bool = False, ego_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
     """Estimates for a sound file, which is read block by block. Faults of the channels are printed on standard error.
 
+    As in doa_node, channels with severe faults are left out, and directions that need them have no confidence.
+
     Parameters:
         path: sound file with one channel per microphone.
         array: positions of the microphones.
@@ -71,15 +75,13 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         noise = NoiseRecording.load(ego_noise) if ego_noise else None
         if noise is not None:
             noise = noise._replace(samples=noise.samples[:, pick_channels(noise.samples.shape[1], channels, noise.name)])
-        localizer = Localizer(array, file.samplerate, settings, noise)
-        health = ChannelHealth(array.channels, file.samplerate, array)
+        stage = DoaStage(array, settings, noise)
         spacing = SpacingCheck(array, file.samplerate, speed_of_sound(settings.temperature_c))
         first_sample = 0
         for whole in blocks_of(file, max(1, file.samplerate // 20)):
             block = whole[:, picked]
-            health.update(block)
             spacing.add(block)
-            yield from localizer.process(block, first_sample)
+            yield from stage.estimates(audio_frame(block, first_sample, file.samplerate, Header()))
             first_sample += len(block)
             if progress:
                 end = '\n' if first_sample >= file.frames else ''
@@ -92,10 +94,10 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
             raise ValueError(f'{path} does not fit the array {array.name}: {problem}')
         stated = file.frames if file.frames != FRAMES_UNKNOWN else first_sample
         cut = f'breaks off after {heard:.2f} s' if stated > first_sample + file.samplerate // 20 else ''
-        lossy = (f'{localizer.without_phases} directions without confidence: a lossy code has removed the phases between the '
-                 'channels; record wav or flac') if localizer.without_phases else ''
-        gaps = f'restarted {localizer.restarts} times after samples that are not finite' if localizer.restarts else ''
-        for problem in filter(None, [cut, spacing.doubt(), *map(str, health.faults), lossy, gaps]):
+        lossy = (f'{stage.without_phases} directions without confidence: a lossy code has removed the phases between the '
+                 'channels; record wav or flac') if stage.without_phases else ''
+        gaps = f'restarted {stage.restarts} times after samples that are not finite' if stage.restarts else ''
+        for problem in filter(None, [cut, spacing.doubt(), *map(str, stage.faults), lossy, gaps]):
             print(f'{path}: {problem}', file=sys.stderr)
 
 

@@ -18,6 +18,7 @@ from av_audio.cli.guided_recording import pieces
 from av_audio.device_source import DeviceSource
 from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_verdict import judge
+from av_audio.health import ChannelHealth
 from av_common.microphone_array import MicrophoneArray
 
 WORTH_DB = 3.0  # of the gain: half of the own noise, or the range times 1.4
@@ -40,9 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         array = MicrophoneArray.load(options.array)
         if not options.judge:
             record(options, array)
-        verdict = judge(NoiseRecording.load(options.file), array)
+        recording = NoiseRecording.load(options.file)
+        verdict = judge(recording, array)
     except (OSError, ValueError) as error:
         sys.exit(f'record_ego_noise: {error}')
+    health = ChannelHealth(array.channels, recording.sample_rate)    # of near sources delays tell nothing
+    health.update(recording.samples)
+    for fault in health.faults:
+        print(f'{options.file}: {fault}', file=sys.stderr)
     print(verdict.words())
     if not np.isfinite(verdict.heard_db):
         sys.exit(4)
