@@ -32,16 +32,19 @@ ENCODINGS: dict[str, tuple[str, int, int | None]] = {
     'bgr8': ('u1', 3, None), '8UC3': ('u1', 3, None), 'rgb8': ('u1', 3, cv2.COLOR_RGB2BGR),
     'bgra8': ('u1', 4, cv2.COLOR_BGRA2BGR), '8UC4': ('u1', 4, cv2.COLOR_BGRA2BGR), 'rgba8': ('u1', 4, cv2.COLOR_RGBA2BGR),
     'mono8': ('u1', 1, None), '8UC1': ('u1', 1, None), 'mono16': ('u2', 1, None), '16UC1': ('u2', 1, None),
-    '32FC1': ('f4', 1, None),
+    'bgr16': ('u2', 3, None), '16UC3': ('u2', 3, None), 'rgb16': ('u2', 3, cv2.COLOR_RGB2BGR),
+    '32FC1': ('f4', 1, None), '32FC3': ('f4', 3, None),
     'yuv422': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY), 'uyvy': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY),
     'yuv422_yuy2': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2), 'yuyv': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2),
     'bayer_rggb8': ('u1', 1, cv2.COLOR_BayerBG2BGR), 'bayer_bggr8': ('u1', 1, cv2.COLOR_BayerRG2BGR),
     'bayer_gbrg8': ('u1', 1, cv2.COLOR_BayerGR2BGR), 'bayer_grbg8': ('u1', 1, cv2.COLOR_BayerGB2BGR),
+    'bayer_rggb16': ('u2', 1, cv2.COLOR_BayerBG2BGR), 'bayer_bggr16': ('u2', 1, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg16': ('u2', 1, cv2.COLOR_BayerGR2BGR), 'bayer_grbg16': ('u2', 1, cv2.COLOR_BayerGB2BGR),
 }
 
 
 def image_from_message(message: Any, most_pixels: int = MOST_PIXELS) -> NDArray:
-    """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR uint8, or (h, w) in the type of the encoding.
+    """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR, or (h, w), in the type of the encoding.
 
     The array may share memory with the message.
 
@@ -99,7 +102,7 @@ def encoding_of(image: NDArray) -> str:
     """The encoding of an OpenCV image (h, w[, channels]); raises ValueError for a type without one."""
     channels = image.shape[2] if image.ndim == 3 else 1
     encoding = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8', ('uint16', 1): '16UC1',
-                ('float32', 1): '32FC1'}.get((image.dtype.name, channels))
+                ('uint16', 3): 'bgr16', ('float32', 1): '32FC1', ('float32', 3): '32FC3'}.get((image.dtype.name, channels))
     if encoding is None:
         raise ValueError(f'an image of shape {image.shape} and type {image.dtype} has no encoding')
     return encoding

@@ -54,7 +54,18 @@ def test_grey_16_bit_and_depth_keep_their_numbers():
     assert np.array_equal(image_from_message(message(metres, '32FC1', 4)), metres)
 
 
-@pytest.mark.parametrize('image', [COLOUR, COLOUR[..., 0], np.arange(12, dtype=np.uint16).reshape(3, 4)])
+def test_cameras_of_more_than_8_bits_send_colours_and_mosaics_of_them():
+    deep = RNG.integers(0, 65536, (7, 11, 3)).astype(np.uint16)
+    assert np.array_equal(image_from_message(message(deep[..., ::-1].astype('>u2'), 'rgb16', 4, bigendian=True)), deep)
+    mosaic = RNG.integers(0, 256, (8, 12), np.uint8)
+    for pattern in ('rggb', 'bggr', 'gbrg', 'grbg'):
+        coarse, fine = (image_from_message(message(counts, f'bayer_{pattern}{8 * counts.itemsize}'))
+                        for counts in (mosaic, mosaic.astype(np.uint16)))
+        assert fine.dtype == np.uint16 and np.array_equal(coarse, fine), pattern
+
+
+@pytest.mark.parametrize('image', [COLOUR, COLOUR[..., 0], np.arange(12, dtype=np.uint16).reshape(3, 4),
+                                   COLOUR.astype(np.uint16), COLOUR.astype(np.float32)])
 def test_round_trip(image):
     sent = image_message(HEADER, image)
     assert isinstance(sent, Image)

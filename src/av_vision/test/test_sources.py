@@ -9,7 +9,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from std_msgs.msg import Header
 
+from av_vision.messages import image_from_message, image_message
 from av_vision.sources import Capture, CapturedImage, SourceError
 from av_vision.sources.capture import DeviceSource
 from av_vision.sources.files import IMAGE_SUFFIXES, FileSource, Recording, image_files
@@ -71,6 +73,18 @@ def test_an_image_is_measured_before_it_is_read(tmp_path, suffix, depth):
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(SourceError, match=re.escape(str(path))):
         list(Recording(path).frames())
+
+
+@pytest.mark.parametrize(('name', 'kind', 'channels'), [
+    ('deep.png', np.uint16, 3), ('deep.png', np.uint16, 4), ('celsius.tiff', np.float64, 1), ('signed.tiff', np.int16, 1),
+    ('counts.tiff', np.int32, 1), ('light.tiff', np.float32, 3)])
+def test_images_of_any_depth_can_be_published(tmp_path, name, kind, channels):
+    """Radiometric and edited images have other depths than cameras."""
+    counts = np.arange(600).reshape(20, 30)[..., None].repeat(channels, 2)
+    cv2.imwrite(str(tmp_path / name), counts.astype(kind))
+    frame, = Recording(tmp_path).frames()
+    received = image_from_message(image_message(Header(), frame.image))
+    assert np.array_equal(received, counts[..., :min(channels, 3)].squeeze())
 
 
 def claims(suffix):

@@ -114,7 +114,8 @@ class CameraNode(RigNode):
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()
         header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
-        self._images.publish(image_message(header, image.pixels, 'mono16' if image.pixels.dtype == np.uint16 else ''))
+        counts = image.pixels.dtype == np.uint16 and image.pixels.ndim == 2
+        self._images.publish(image_message(header, image.pixels, 'mono16' if counts else ''))
         camera = self._camera_of(image)
         if camera is not None:
             self._infos.publish(camera_info_message(header, camera))

@@ -29,7 +29,10 @@ _WIDTH, _HEIGHT = 256, 257    # tags of TIFF
 
 
 def read_image(path: Path) -> NDArray:
-    """The image (h, w[, channels]) in a file, BGR or grey, in its own depth. Raises SourceError in one line with the path."""
+    """The image (h, w[, channels]) in a file, BGR or grey, of 8 or 16 bits, other depths as float32.
+
+    Raises SourceError in one line with the path.
+    """
     try:
         data = check_file(path, MOST_BYTES).read_bytes()
         check_pixels(*_size_of(data), MOST_PIXELS)
@@ -40,7 +43,7 @@ def read_image(path: Path) -> NDArray:
         raise SourceError(f'{path} cannot be read as an image: {getattr(error, "err", None) or error}') from error
     if image is None:
         raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image')
-    return image
+    return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
 
 
 def _size_of(data: bytes) -> tuple[int, int]:
