@@ -211,6 +211,35 @@ def test_one_object_twice_in_an_image_is_one_target(jitter, names, copies):
     assert set(states[2:]) == {Bearing.STATE_VISUAL_ACTIVE}
 
 
+@pytest.mark.parametrize(('wrong', 'name'), [
+    ((480.0, 240.0, 20.0, 10.0, 87.0), 'a score beyond 0 to 1'), ((480.0, 240.0, 20.0, 10.0, math.nan), 'a score'),
+    ((0.75, 0.5, 0.03, 0.02, 0.9), 'shares of the image'), ((480.0, 240.0, -20.0, 10.0, 0.9), 'a negative size'),
+    ((1500.0, 240.0, 20.0, 10.0, 0.9), 'outside the images of 640 x 480 pixels')])
+def test_boxes_of_another_detector_in_other_units_are_refused_and_say_nothing(wrong, name):
+    """Percent, shares of the image, pixels of a larger one, corners exchanged: the image is not empty, either."""
+    recorder = Recorder()
+    stage = make_stage(recorder)
+    stage.on_camera_info(camera_info())
+    message = detections(START, (300.0, wrong[4], 'drone'))
+    box = message.detections[0].bbox
+    box.center.position.x, box.center.position.y, box.size_x, box.size_y = wrong[:4]
+    with pytest.raises(ValueError, match=name):
+        stage.on_detections(message, START)
+    message.header.stamp = to_stamp(START + 0.1)
+    message.detections += detections(START, (300.0, 0.8, 'drone')).detections
+    stage.on_detections(message, START + 0.1)
+    assert [[seen.score for seen in image.detections] for image in recorder.camera] == [[0.8]]
+
+
+def test_a_detector_that_knows_no_drone_is_told():
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    stage.on_detections(detections(START, (300.0, 0.9, 'uav'), (100.0, 0.9, '4')), START)
+    assert stage.converter.foreign_classes == ['4', 'uav']
+    stage.on_detections(detections(START + 0.1, (300.0, 0.9, 'drone')), START + 0.1)
+    assert stage.converter.foreign_classes == []
+
+
 def test_frames_and_cameras_that_are_unknown_are_left_out():
     recorder = Recorder()
     stage = make_stage(recorder)

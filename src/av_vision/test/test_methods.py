@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from av_vision.methods import is_model_file
+from av_vision.methods import ForeignDetector, is_model_file
+from av_vision.yolo.detector import DetectorSettings
 
 
 @pytest.mark.parametrize('name', ['', '.', 'x' * 5000, 'a\0b', '/', 'missing/model', 'unknown'])
@@ -20,3 +22,18 @@ def test_a_file_is_told_by_its_suffix_or_by_being_one(tmp_path, monkeypatch):
     (tmp_path / 'weights').touch()
     (tmp_path / 'shipped').touch()
     assert is_model_file('weights') and is_model_file('missing.onnx') and not is_model_file('shipped')
+
+
+@pytest.mark.parametrize('box', [[300.0, 200.0, 40.0, 30.0], [0.4, 0.4, 0.5, 0.5], [700.0, 10.0, 730.0, 30.0],
+                                 [30.0, 90.0, 60.0, 90.0]])
+def test_boxes_in_another_order_or_unit_are_refused(box):
+    """Corner and size, shares of the image, pixels of a larger one, a line."""
+    good = [300.0, 200.0, 340.0, 230.0]
+    image, answer = np.zeros((480, 640, 3), np.uint8), [good]
+    detector = ForeignDetector(lambda image: (answer, [0.9] * len(answer)), DetectorSettings(), 'drone')
+    assert detector.candidates(image, 0.1).boxes.tolist() == [good]
+    answer.append(box)
+    assert detector.candidates(image, 0.1).boxes.tolist() == [good]
+    del answer[0]
+    with pytest.raises(ValueError, match='image of 640 x 480, expected x1, y1, x2, y2 in pixels'):
+        detector.candidates(image, 0.1)

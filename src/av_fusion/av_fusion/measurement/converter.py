@@ -25,6 +25,7 @@ from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
 # From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 MOST_BOXES = 200    # of an image: four times as many as detector_node reports
+MOST_CLASSES = 100    # whose names are kept
 NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
 
 
@@ -69,6 +70,7 @@ class MeasurementConverter:
                  camera: PinholeCamera | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
+        self._classes: set[str] = set()
         self.camera = camera
         self._cameras: dict[str, PinholeCamera] = {}  # by optical frame
         self.problem = ''
@@ -86,6 +88,11 @@ class MeasurementConverter:
             self._cameras[frame] = camera
         self.camera = self._cameras[frame]
 
+    @property
+    def foreign_classes(self) -> list[str]:
+        """Names of the classes seen where none of them is a target's."""
+        return [] if self._classes & self._target_classes else sorted(self._classes)
+
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
         """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
         header = message.header
@@ -98,6 +105,8 @@ class MeasurementConverter:
         Parameters:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
+
+        Raises ValueError where all boxes of target classes are impossible: such an image is no empty one.
         """
         camera = self._cameras.get(message.header.frame_id, self.camera)
         if camera is None:
@@ -115,14 +124,37 @@ class MeasurementConverter:
         boxes = []
         for detection in message.detections:
             hypotheses = [result.hypothesis for result in detection.results]
+            if len(self._classes) < MOST_CLASSES:
+                self._classes.update(h.class_id for h in hypotheses)
             scores = [h.score for h in hypotheses if h.class_id in self._target_classes]
             if scores:
                 box = detection.bbox
                 boxes.append((box.center.position.x, box.center.position.y, box.size_x, box.size_y, max(scores)))
         if not boxes:  # most images of a search
             return ()
-        table = objects(np.array(boxes))
+        table = objects(possible(np.array(boxes), camera))
         return tuple(detections_in_body(camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))
+
+
+def possible(boxes: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64]:
+    """The rows of boxes (n, 5) that may be objects in an image of a camera. Raises ValueError where none is.
+
+    Parameters:
+        boxes (n, 5): centre and size in pixels, score.
+        camera: intrinsics.
+    """
+    centres, sizes, scores = boxes[:, :2], boxes[:, 2:4], boxes[:, 4]
+    # Of a box in shares of the image all values are below one pixel; one without size is a point.
+    shares = ((boxes[:, :4] >= 0.0) & (boxes[:, :4] <= 1.0)).all(axis=1) & (sizes > 0.0).any(axis=1)
+    inside = (centres + 0.5 * sizes >= -0.5) & (centres - 0.5 * sizes <= (camera.width - 0.5, camera.height - 0.5))
+    checks = {'a score beyond 0 to 1': (scores >= 0.0) & (scores <= 1.0),
+              'a negative size': (sizes >= 0.0).all(axis=1), 'shares of the image instead of pixels': ~shares,
+              f'a place outside the images of {camera.width} x {camera.height} pixels of camera/camera_info':
+              inside.all(axis=1) & np.isfinite(boxes).all(axis=1)}
+    kept = np.all(list(checks.values()), axis=0)
+    if not kept.any():
+        raise ValueError(f'boxes have {", ".join(name for name, good in checks.items() if not good.all())}')
+    return boxes[kept]
 
 
 def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,7 +163,6 @@ def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     Parameters:
         boxes (n, 5): centre and size in pixels, score.
     """
-    boxes = boxes[np.isfinite(boxes).all(axis=1)]
     if len(boxes) < 2:
         return boxes
     boxes = boxes[np.argsort(-boxes[:, 4], kind='stable')[:MOST_BOXES]]

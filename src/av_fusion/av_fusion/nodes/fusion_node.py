@@ -15,6 +15,7 @@ from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
 
+from av_common.files import shown
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
@@ -22,6 +23,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import detections_topic, load_rig
 from av_common.tf_rotations import TfRotations
+from av_common.track import DRONE
 from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
@@ -151,6 +153,7 @@ class FusionNode(RigNode):
             level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
             status.mergeSummary(level, f'no {", ".join(missing)}')
         self._diagnose_motion(status)
+        self._diagnose_classes(status)
         monitor = self._stage.consistency
         fault = monitor.fault if monitor is not None else None
         if monitor is not None:
@@ -179,6 +182,12 @@ class FusionNode(RigNode):
         if values.get(AT_LIMIT, 'none') != 'none':
             status.mergeSummary(DiagnosticStatus.WARN, f'{AT_LIMIT}: {values[AT_LIMIT]}; mend mount: rpy_deg or positions of '
                                 'the array, or run `ros2 run av_audio calibrate`')
+
+    def _diagnose_classes(self, status: DiagnosticStatusWrapper) -> None:
+        foreign = self._stage.converter.foreign_classes
+        if foreign:
+            status.mergeSummary(DiagnosticStatus.WARN, f'detections are of the classes {shown(foreign)}, none so far is '
+                                f'{DRONE}: only that class may be the target')
 
     def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:
         motion, now = self._stage.tracker.motion, self.now()
