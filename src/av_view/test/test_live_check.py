@@ -79,6 +79,10 @@ def test_the_marker_is_where_it_is_shown(azimuth, elevation, roll):
         assert found.side == pytest.approx(0.1 * FOCAL, rel=0.05)
 
 
+def test_a_camera_of_16_bits_sees_the_marker():
+    assert find_marker(40 * picture(5, 3).astype(np.uint16)) is not None
+
+
 def test_noise_has_no_marker():
     assert find_marker(np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)) is None
 

@@ -60,7 +60,8 @@ class ForeignDetector(Detector):
         boxes = np.clip(boxes, 0.0, np.array([image.shape[1], image.shape[0]] * 2, np.float32))
         kept = (boxes[:, 2:] > boxes[:, :2]).all(axis=1) & (boxes > 1.0).any(axis=1)    # else in shares of the image
         if len(boxes) and not kept.any():
-            raise ValueError(f'no box is in the image of {image.shape[1]} x {image.shape[0]}, expected x1, y1, x2, y2 in pixels')
+            raise ValueError(f'no box is in the image of {image.shape[1]} x {image.shape[0]}, expected x1, y1, x2, y2 '
+                             'in pixels')
         boxes, scores = boxes[kept], scores[kept]
         order = np.argsort(-scores, kind='stable')
         order = order[scores[order] >= floor]

@@ -33,6 +33,7 @@ BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells
 REGIONS = 2          # of an image, where the processor's speed does not decide
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
+SAMPLED = 16    # of so many rows one is compared first
 LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 
@@ -57,7 +58,10 @@ class VisibilityReporter:
 
         Raises ValueError for an image that cannot be read.
         """
-        self._depth = to_seconds(message.header.stamp), image_from_message(message)
+        depth = image_from_message(message)
+        if depth.ndim != 2 or depth.dtype == np.uint8:
+            raise ValueError(f'encoding {message.encoding!r} of a depth image, expected 16UC1 (mm) or 32FC1 (m)')
+        self._depth = to_seconds(message.header.stamp), depth
 
     def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None,
                rotation: NDArray | None = None) -> visibilities.Visibility | None:
@@ -98,6 +102,7 @@ class DetectionStage:
     Attributes:
         shown (h, w[, channels]): the newest image, in 8 bits; None before the first.
         detected: its detections and their tracks.
+        unchanged (s): for how long all images have been the same to the bit: noise alone makes a camera's images differ.
 
     Parameters:
         detector: the detector and its state over images.
@@ -109,6 +114,8 @@ class DetectionStage:
         self.detector, self._black_hot = detector, kind == 'black_hot'
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
+        self.unchanged = 0.0
+        self._last: tuple[float, NDArray] = 0.0, np.empty(0)    # newest image, and when it was new
         self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
         self.mount(lambda frame, time: None)
@@ -130,6 +137,7 @@ class DetectionStage:
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
         counts = image_from_message(message, self._most_pixels)
+        self._compare(counts, time)
         camera = self._camera_of(counts.shape[1], counts.shape[0])
         image = self.shown = self._gain.apply(counts, time)
         pose = self._pose(header.frame_id, time, camera)
@@ -162,6 +170,13 @@ class DetectionStage:
         if not (known or message.state == Bearing.STATE_NONE):
             raise ValueError('a bearing without direction, or of negative variance')
         self._bearing = (to_seconds(message.measured), message)
+
+    def _compare(self, image: NDArray, time: float) -> None:
+        since, last = self._last
+        if not (np.array_equal(image[::SAMPLED], last[::SAMPLED]) and np.array_equal(image, last)):
+            since = time
+            self._last = since, image
+        self.unchanged = time - since
 
     @property
     def _most_pixels(self) -> int:

@@ -141,6 +141,24 @@ def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(
     assert abs(stage.shown[:40].mean() - before) < 15.0
 
 
+def test_a_camera_that_repeats_one_image_is_noticed(model):
+    """A frozen or covered camera; noise in one pixel is enough to be alive."""
+    stage, image = make(model), np.full((416, 416, 3), 90, np.uint8)
+    for k in range(20):
+        stage.on_image(image_at(1.0 + 0.5 * k, image.copy()), 0.0)
+    assert stage.unchanged == 9.5
+    image[411, 7, 1] += 1
+    stage.on_image(image_at(11.0, image), 0.0)
+    assert stage.unchanged == 0.0
+
+
+def test_only_distances_are_depth(model):
+    stage = make(model, CAMERA)
+    for wrong in (np.zeros((416, 416), np.uint8), np.zeros((416, 416, 3), np.uint8)):
+        with pytest.raises(ValueError, match=r'expected 16UC1 .mm. or 32FC1 .m.'):
+            stage.on_depth(image_at(1.0, wrong))
+
+
 def bearing_to(azimuth, **fields):
     return Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, azimuth=azimuth, azimuth_variance=1e-4, elevation_variance=math.inf,
                    measured=header(5.0).stamp, **fields)

@@ -189,6 +189,18 @@ def test_unusable_images_are_reported_and_the_next_is_used(rig, model):
     assert all(len(message.detections) == 1 for message in found)
 
 
+def test_a_frozen_camera_is_told(rig, model):
+    status = rig.collect(DiagnosticArray, '/diagnostics', 10)
+    node = rig.start(DetectorNode, model=model)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    for count, second in enumerate((1, 9)):
+        images.publish(image_at(second))
+        rig.spin_until(lambda: len(found) > count)  # noqa: B023
+    rig.spin_until(lambda: any('the same image for 8 s' in one.message for message in status for one in message.status))
+
+
 def test_only_the_newest_image_waits(rig, model, monkeypatch):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=model)

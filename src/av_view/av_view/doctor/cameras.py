@@ -86,8 +86,8 @@ def draw_marker(side: int = 800) -> NDArray:
 
 
 def find_marker(image: NDArray) -> Marker | None:
-    """The marker in a picture (height, width) or (height, width, 3) of 8 bits; None where it is not seen."""
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    """The marker in a picture (height, width) or (height, width, 3) of any depth; None where it is not seen."""
+    grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY)
     for mirrored in (False, True):
         corners = _corners(np.ascontiguousarray(grey[:, ::-1]) if mirrored else grey)
         if corners is not None:

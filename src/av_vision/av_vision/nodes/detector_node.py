@@ -27,6 +27,7 @@ from av_vision.sources.capture import STALE_S
 from av_vision.stage import make_detection_stage
 
 Item = TypeVar('Item')
+FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
 
 
 class Latest(Generic[Item]):
@@ -171,6 +172,9 @@ class DetectorNode(RigNode):
         status.add('dropped (replaced by a newer image)', str(self._latest.dropped))
         if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
+        elif self._stage.unchanged > FROZEN_S:
+            status.mergeSummary(DiagnosticStatus.WARN, f'the same image for {self._stage.unchanged:.0f} s, to the bit: is the '
+                                'camera frozen or covered?')
 
 
 def main() -> None:
