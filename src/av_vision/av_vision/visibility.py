@@ -17,13 +17,17 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from av_common.camera import PinholeCamera
-from av_vision.image import to_bgr8
+from av_vision.image import noise_of, to_bgr8
 
 LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
 BINS = 16  # number of bins of distance
 QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brightest objects may be lamps or walls
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
+SMALL = (160, 120)  # pixels, to which an image is reduced where details say nothing
+BLACK = 16.0  # grey level of black in video (ITU-R BT.601)
+AREA = 7  # pixels of a small image: side of the smallest area that is black rather than a shadow
+NORMAL_SPREAD = 3.7  # standard deviations between the percentiles 2 and 95 of normal noise
 LEAST_PIXELS = 30  # of a bin: their median errs by 0.23 of their standard deviation
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
 
@@ -71,7 +75,7 @@ def estimate(image: NDArray, distance: NDArray | None = None, target_distance: f
     grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
     if distance is None:
         return Visibility(contrast_left(grey))
-    extinction = fit_extinction(grey, np.asarray(distance, np.float32))
+    extinction = fit_extinction(grey, np.where(unlit(grey), np.nan, np.asarray(distance, np.float32)))
     return Visibility(math.exp(-extinction * target_distance) if math.isfinite(extinction) else math.nan, extinction)
 
 
@@ -99,7 +103,7 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
             levels.append(np.quantile(brightness[here], QUANTILES))
     if len(at) < 4 or max(at) < 1.5 * min(at):
         return math.nan
-    sky = grey[~np.isfinite(distance)]
+    sky = grey[np.isinf(distance)]
     return _fit(np.array(at), np.array(levels), float(np.median(sky)) if sky.size >= LEAST_PIXELS else None)
 
 
@@ -124,8 +128,22 @@ def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
 def contrast_left(grey: NDArray[np.float32]) -> float:
     """Clearness of an image, 0-1, without scale: the difference between its darkest parts and the light of the air.
 
-    The dark-channel prior (He, Sun, Tang 2009) on brightness: in clear air some part of the view is dark.
+    The dark-channel prior (He, Sun, Tang 2009) on brightness: in clear air some part of the view is dark. Noise is no contrast,
+    and less than that of a usual scene is too little: at night nothing is seen, however clear the air.
     """
-    small = cv2.resize(grey, (160, 120), interpolation=cv2.INTER_AREA)
-    air, dark = np.percentile(small, [95.0, 2.0])
-    return float(np.clip((air - dark) / max(0.85 * air, 1.0), 0.0, 1.0))
+    small = np.asarray(cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA), np.float32)
+    lit = small[~unlit(small)]
+    if lit.size < LEAST_PIXELS:
+        return 0.0
+    air, dark = np.percentile(lit, [95.0, 2.0])
+    contrast = air - dark - NORMAL_SPREAD * noise_of(small)
+    return float(np.clip(contrast / max(0.85 * air, USUAL_CONTRAST), 0.0, 1.0))
+
+
+def unlit(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Where an image (h, w) shows nothing: bars, what is beside the round picture of a lens, and their soft edges."""
+    small = cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)
+    square = np.ones((AREA, AREA), np.uint8)
+    black = np.pad((small < BLACK).astype(np.uint8), AREA, constant_values=1)    # slivers at the edges are areas, too
+    areas = cv2.dilate(cv2.morphologyEx(black, cv2.MORPH_OPEN, square)[AREA:-AREA, AREA:-AREA], square)
+    return np.asarray(cv2.resize(areas, grey.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0)

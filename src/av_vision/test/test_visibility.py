@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
@@ -48,3 +49,31 @@ def test_nothing_at_a_known_distance_is_unknown():
     image, _ = landscape(0.1)
     assert np.isnan(estimate(image, np.zeros(image.shape, np.float32)).share)
     assert np.isnan(estimate(image, np.full(image.shape, 5.0, np.float32)).extinction)
+
+
+def bars(image):
+    image[:30] = image[-30:] = 0
+
+
+def round_picture(image):
+    rows, columns = np.indices(image.shape)
+    image[np.hypot(rows - 119.5, columns - 159.5) > 150.0] = 3
+
+
+@pytest.mark.parametrize('frame', [bars, round_picture])
+@pytest.mark.parametrize('extinction', [0.01, 0.1, 0.4])
+def test_what_frames_a_picture_says_nothing_about_the_air(frame, extinction):
+    """The bars of a video, the corners beside a fisheye's picture."""
+    image, distance = landscape(extinction)
+    plain = [estimate(image).share, estimate(image, distance).share]
+    frame(image)
+    assert [estimate(image).share, estimate(image, distance).share] == pytest.approx(plain, abs=0.15)
+
+
+@pytest.mark.parametrize(('mean', 'noise', 'blurred'), [(3.0, 3.0, 0.0), (10.0, 6.0, 1.5), (25.0, 8.0, 1.0), (0.0, 1.0, 0.0)])
+def test_the_noise_of_a_dark_image_is_not_clear_air(mean, noise, blurred):
+    """At night, or below a cap; demosaicing makes the noise of neighbours alike."""
+    values = np.random.default_rng(2).normal(0.0, 1.0, (480, 640))
+    values = gaussian_filter(values, blurred) if blurred else values
+    image = np.clip(mean + noise * values / values.std(), 0, 255).astype(np.uint8)
+    assert estimate(image).share < 0.15
