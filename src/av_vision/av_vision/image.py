@@ -20,6 +20,9 @@ COARSE = 8             # pixels of a step in which the local mean is made
 LEVELS = 3             # of counts for which it is made: cold, between, hot
 RARE = 0.3             # share of the surroundings that an object fills: 50 of 320 pixels, the largest that the detector knows
 LEAST_NOISES = 20.0    # standard deviations of the noise that the range holds: a plain sky is shown as grey, not as noise
+STUCK = 20              # images in which a pixel has one count, of a sensor whose noise changes at least half of them each time
+FILLED = 9              # pixels: side of the square whose good pixels take the place of a bad one
+MOST_BAD = 0.05         # share of bad pixels: sold sensors have below 0.01, and some rows; more are a scene below the range
 NORMAL_MAD = 1.4826    # standard deviation of normal values over their median absolute deviation
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
 MOST_SCANS = 32              # of a JPEG; a progressive one has about ten, and each takes time for the whole image
@@ -46,6 +49,7 @@ class AutomaticGain:
 
     def __init__(self, heat: bool = False) -> None:
         self._heat = heat
+        self._bad = BadPixels()
         self._range, self._ends = np.zeros(2), np.zeros(2)  # black, and the logarithm of the span; percentiles
         self._time, self._shape = -math.inf, (0, 0)
 
@@ -54,18 +58,20 @@ class AutomaticGain:
 
         Parameters:
             image (h, w[, channels]): raw counts; values that are not finite count as 0.
-            time (s): capture time; after an earlier one, and for another size, the range begins anew.
+            time (s): capture time; after an earlier one, for another size, and when stuck pixels are found, the range begins
+                anew.
         """
         if image.dtype == np.uint8:
             return image
         counts = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
+        counts = self._bad.filled(counts) if self._heat else counts
         good = usable(counts[::4, ::4])
         if self._heat:
             low, high = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
             counts = counts - local_mean(counts.clip(low, high))
         ends = np.asarray(np.percentile(counts[::4, ::4][good], (LOW, HIGH)), float)
         newest = range_of(ends, noise_of(counts[::4]))
-        if image.shape[:2] != self._shape or time < self._time:
+        if self._bad.found or image.shape[:2] != self._shape or time < self._time:
             self._range, self._shape = newest, image.shape[:2]
         else:
             self._range[0] += common(*(ends - self._ends))
@@ -73,6 +79,35 @@ class AutomaticGain:
         self._time, self._ends = time, ends
         black, log_span = self._range
         return np.clip((counts - black) * (255.0 / math.exp(log_span)), 0, 255).astype(np.uint8)
+
+
+class BadPixels:
+    """Fills pixels that tell nothing by their neighbours: dead ones, and stuck ones, whose count noise does not change.
+
+    Thermal sensors have some of both, and rows or columns of them; in pictures of their own cameras replace them, too.
+
+    Attributes:
+        found: whether the last image showed that more than one in a thousand are stuck.
+    """
+
+    def __init__(self) -> None:
+        self.found = False
+        self._last = self._same = np.empty((0, 0), np.float32)    # counts; number of images in which they were the same
+
+    def filled(self, counts: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts (h, w[, channels]) without bad pixels, as far as good ones are near."""
+        if self._last.shape != counts.shape:
+            self._last, self._same = np.full_like(counts, np.nan), np.zeros_like(counts)
+        same = counts == self._last
+        if same.mean() < 0.5:    # else a repeated image, or steps above the noise
+            self._same = (self._same + 1.0) * same
+        self._last, self.found = counts, bool((self._same == STUCK).mean() > 1e-3)
+        bad = (counts == 0.0) | ((self._same >= STUCK) & ~saturated(counts))
+        if not 0.0 < bad.mean() < MOST_BAD:
+            return counts
+        weights = (~bad).astype(np.float32)
+        near, share = (cv2.blur(values, (FILLED, FILLED)) for values in (weights * counts, weights))
+        return np.asarray(np.where(bad & (share > 0.5 / FILLED**2), near / np.maximum(share, 1e-6), counts), np.float32)
 
 
 def between(old: NDArray[np.float64], new: NDArray[np.float64], share: float) -> NDArray[np.float64]:
@@ -89,14 +124,15 @@ def common(low: float, high: float) -> float:
 
 
 def usable(counts: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which of some pixels are neither dead nor saturated; all of them if none is.
-
-    Dead ones have 0; all bits of saturated ones are ones, those below the converter's last one aside.
-    """
-    top = int(counts.max())
-    saturated = top > 0 and (top // (top & -top) + 1).bit_count() == 1
-    good = (counts != 0) & ~(saturated & (counts == top))
+    """Which of some pixels are neither dead, of count 0, nor saturated; all of them if none is."""
+    good = (counts != 0) & ~saturated(counts)
     return np.asarray(good | ~good.any())
+
+
+def saturated(counts: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which pixels have the largest count of a converter: all its bits are ones, those below the last one aside."""
+    top = int(counts.max())
+    return np.asarray((counts == top) & (top > 0 and (top // (top & -top) + 1).bit_count() == 1))
 
 
 def local_mean(counts: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -79,6 +79,32 @@ def test_dead_and_saturated_pixels_do_not_tell_the_range():
     assert np.abs(left_aligned - odd).mean() < 3.0
 
 
+@pytest.mark.parametrize('stuck', [0.0, 3000.0, 12000.0])
+def test_bad_rows_and_pixels_of_a_thermal_sensor_are_filled_and_do_not_tell_the_range(stuck):
+    """Four rows, a column, and one pixel in a hundred; a dead one is known at once, a stuck one within 20 images."""
+    bad = np.random.default_rng(1).random((256, 320)) < 0.01
+    bad[30:34] = bad[:, 40] = True
+    whole, faulty = AutomaticGain(heat=True), AutomaticGain(heat=True)
+    for k in range(100):
+        counts = sky(k)
+        counts[100:108, 150:162] += 400.0
+        plain, shown = picture(counts, whole, k / 30), picture(np.where(bad, stuck, counts), faulty, k / 30)
+        if k > 20 or not stuck:
+            assert np.abs(shown - plain)[~bad].mean() < 8.0
+            assert np.abs(shown - plain)[bad].mean() < 25.0    # the noise of a pixel
+
+
+def test_what_is_below_or_above_the_range_of_a_thermal_camera_is_no_bad_pixel():
+    """A cold sky of count 0, and a hot thing that saturates, rest for seconds."""
+    gain = AutomaticGain(heat=True)
+    for k in range(40):
+        counts = sky(k)
+        counts[:100] = 0.0
+        counts[150:160, 100:112] = 16383.0
+        shown = picture(counts, gain, k / 30)
+    assert (shown[150:160, 100:112] == 255).all() and (shown[:100] == 0).all()
+
+
 def test_ground_and_a_warmer_horizon_do_not_hide_what_is_faint_in_the_sky():
     """Raw counts have the whole sky's range and the ground's; cameras take most of it out of pictures of their own."""
     counts = np.linspace(6000.0, 8000.0, 256)[:, None] + np.random.default_rng(0).normal(0.0, 5.0, (256, 320))
