@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,11 +40,19 @@ def turned(pixels: NDArray, before: CameraPose, now: CameraPose) -> NDArray[np.f
         pixels (n, 2; pixels): places in the image before.
         before, now: pose of the camera in the two images. Without the rig's attitude the body counts as still.
     """
+    return now.camera.project(before.camera.rays(pixels) @ _rotation(before, now).T)
+
+
+def angle_between(before: CameraPose, now: CameraPose) -> float:
+    """Angle (rad) by which a camera has turned between two poses. Without the rig's attitude the body counts as still."""
+    return math.acos(min(max(0.5 * (float(np.trace(_rotation(before, now))) - 1.0), -1.0), 1.0))
+
+
+def _rotation(before: CameraPose, now: CameraPose) -> NDArray[np.float64]:
+    """Rotation (3, 3) from the optical frame before to that of now."""
     if before.to_world is None or now.to_world is None:
-        rotation = now.to_body.T @ before.to_body
-    else:
-        rotation = now.to_world.T @ before.to_world
-    return now.camera.project(before.camera.rays(pixels) @ rotation.T)
+        return now.to_body.T @ before.to_body
+    return now.to_world.T @ before.to_world
 
 
 class AttitudeHistory:

@@ -19,7 +19,7 @@ from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision import visibility as visibilities
-from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of
+from av_vision.camera_pose import AttitudeHistory, CameraPose, angle_between, pixel_of
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
@@ -34,6 +34,7 @@ REGIONS = 2          # of an image, where the processor's speed does not decide
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 SAMPLED = 16    # of so many rows one is compared first
+TURNED = math.radians(3.0)  # of a camera, after which no image is as before; attitudes have smaller errors
 LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 
@@ -115,7 +116,8 @@ class DetectionStage:
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
         self.unchanged = 0.0
-        self._last: tuple[float, NDArray] = 0.0, np.empty(0)    # newest image, and when it was new
+        # When the newest image was new, the image, and where the camera looked then.
+        self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
         self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
         self.mount(lambda frame, time: None)
@@ -133,14 +135,15 @@ class DetectionStage:
             message: raw or compressed image; its stamp is the time of capture.
             arrival (s): time of arrival on the node's clock. Not used: results depend on the time of capture.
 
-        Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
+        Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera, or is that of before
+        although the camera has turned: nothing that it shows, or does not show, is so now.
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
         counts = image_from_message(message, self._most_pixels)
-        self._compare(counts, time)
         camera = self._camera_of(counts.shape[1], counts.shape[0])
-        image = self.shown = self._gain.apply(counts, time)
         pose = self._pose(header.frame_id, time, camera)
+        self._compare(counts, time, pose)
+        image = self.shown = self._gain.apply(counts, time)
         image = 255 - image if self._black_hot else image
         detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
@@ -171,12 +174,16 @@ class DetectionStage:
             raise ValueError('a bearing without direction, or of negative variance')
         self._bearing = (to_seconds(message.measured), message)
 
-    def _compare(self, image: NDArray, time: float) -> None:
-        since, last = self._last
+    def _compare(self, image: NDArray, time: float, pose: CameraPose | None) -> None:
+        since, last, before = self._last
         if not (np.array_equal(image[::SAMPLED], last[::SAMPLED]) and np.array_equal(image, last)):
-            since = time
-            self._last = since, image
+            since, before = time, pose
+        self._last = since, image, before or pose
         self.unchanged = time - since
+        angle = 0.0 if before is None or pose is None else angle_between(before, pose)
+        if angle > TURNED:
+            raise ValueError(f'the camera is frozen or covered: its image is the same to the bit after it turned by '
+                             f'{math.degrees(angle):.0f} deg')
 
     @property
     def _most_pixels(self) -> int:

@@ -12,6 +12,8 @@ pytest.importorskip('av_vision.nodes.detector_node_parameters', reason='needs th
 
 import yolo_models
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
@@ -150,6 +152,24 @@ def test_a_camera_that_repeats_one_image_is_noticed(model):
     image[411, 7, 1] += 1
     stage.on_image(image_at(11.0, image), 0.0)
     assert stage.unchanged == 0.0
+
+
+def test_a_repeated_image_of_a_camera_that_has_turned_is_refused(model):
+    """What it shows would turn the body on and on, what it does not show would count against a target."""
+    stage, image = make(model), np.random.default_rng(1).integers(0, 255, (416, 416, 3), np.uint8)
+    stage.mount(lambda frame, time: FLU_TO_OPTICAL.T, CAMERA)
+    for k, yaw in enumerate((0.0, 0.0, 0.02, -0.02, 0.04)):
+        odometry = Odometry(header=header(1.0 + 0.1 * k))
+        odometry.pose.pose.orientation = Quaternion(w=math.cos(0.5 * yaw), z=math.sin(0.5 * yaw))
+        stage.on_odometry(odometry)
+        stage.on_image(image_at(1.0 + 0.1 * k, image), 0.0)
+    odometry.header, odometry.pose.pose.orientation = header(1.5), Quaternion(w=math.cos(0.1), z=math.sin(0.1))
+    stage.on_odometry(odometry)
+    for _ in range(2):
+        with pytest.raises(ValueError, match='same to the bit after it turned by 11 deg'):
+            stage.on_image(image_at(1.5, image), 0.0)
+    image[7, 3] ^= 1
+    stage.on_image(image_at(1.5, image), 0.0)
 
 
 def test_only_distances_are_depth(model):
