@@ -171,6 +171,11 @@ class Rig:
         """The cameras by the prefix of their topics: `camera`, whose detections are `detections`, and `second_camera`."""
         return {'camera': self.camera} | ({'second_camera': self.second_camera} if self.second_camera else {})
 
+    @property
+    def optical_frames(self) -> dict[str, str]:
+        """Optical frames of the cameras by their frames, in which nothing of an image may be (REP-103)."""
+        return {camera.frame: camera.optical_frame for camera in self.cameras.values()}
+
 
 def detections_topic(camera: str) -> str:
     """Topic of the detections of one of `Rig.cameras`."""

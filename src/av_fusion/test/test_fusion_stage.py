@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
+from av_common.rig import ArrayMount, Rig
 from av_common.stamps import to_seconds, to_stamp
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.nodes.fusion_node import FusionNode
@@ -229,6 +231,15 @@ def test_boxes_of_another_detector_in_other_units_are_refused_and_say_nothing(wr
     message.detections += detections(START, (300.0, 0.8, 'drone')).detections
     stage.on_detections(message, START + 0.1)
     assert [[seen.score for seen in image.detections] for image in recorder.camera] == [[0.8]]
+
+
+def test_detections_in_the_frame_of_the_camera_body_are_refused_by_name():
+    """Many drivers' frame_id: the camera would look up, and an image that shows nothing would say so of the sky."""
+    stage = make_stage()
+    stage.converter.optical_frames = Rig(ArrayMount(Path('none.yaml'))).optical_frames
+    stage.on_camera_info(camera_info())
+    with pytest.raises(ValueError, match="'camera_link', which has x ahead, expected the optical frame 'camera_optical_frame'"):
+        stage.on_detections(detections(START, (300.0, 0.9, 'drone'), frame='camera_link'), START)
 
 
 def test_a_detector_that_knows_no_drone_is_told():

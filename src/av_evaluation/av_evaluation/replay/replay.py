@@ -216,6 +216,7 @@ class Replay:
                 tracker = recording(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
                                              gimbal if rig.gimbal else None)
+            self._fusion.converter.optical_frames = rig.optical_frames
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))

@@ -58,6 +58,7 @@ class MeasurementConverter:
     Attributes:
         camera: intrinsics of the camera of the newest CameraInfo, for detections in a frame of which none told; None while
             unknown, and detections are not converted until then.
+        optical_frames: of the cameras by the names of their frames (x ahead), in which detections are refused.
         problem: reason why the newest detections or CameraInfo could not be used; empty without one.
 
     Parameters:
@@ -72,6 +73,7 @@ class MeasurementConverter:
         self._target_classes = frozenset(target_classes)
         self._classes: set[str] = set()
         self.camera = camera
+        self.optical_frames: dict[str, str] = {}
         self._cameras: dict[str, PinholeCamera] = {}  # by optical frame
         self.problem = ''
 
@@ -106,14 +108,19 @@ class MeasurementConverter:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
 
-        Raises ValueError where all boxes of target classes are impossible: such an image is no empty one.
+        Raises ValueError where all boxes of target classes are impossible (such an image is no empty one), and for a frame that
+        is no optical one.
         """
-        camera = self._cameras.get(message.header.frame_id, self.camera)
+        frame = message.header.frame_id
+        if frame in self.optical_frames:
+            raise ValueError(f'detections are in {frame!r}, which has x ahead, expected the optical frame '
+                             f'{self.optical_frames[frame]!r} (z ahead): set frame_id of the camera driver')
+        camera = self._cameras.get(frame, self.camera)
         if camera is None:
             self.problem = self.problem or NO_CAMERA
             return None
         time = to_seconds(message.header.stamp)
-        rotation = self._rotation_of(message.header.frame_id, time)
+        rotation = self._rotation_of(frame, time)
         if rotation is None:
             return None
         return usable_camera(CameraMeasurement(

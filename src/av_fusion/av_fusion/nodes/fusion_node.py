@@ -63,6 +63,7 @@ class FusionNode(RigNode):
         self._sights = {f'{camera}/camera_info': detections_topic(camera) for camera in cameras}
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
                                         gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
+        self._stage.converter.optical_frames = rig.optical_frames if rig else {}
         self._reporter = RigReporter()
         self._untransformed = 0
         self._meters = {name: RateMeter() for name in ('doa', *self._sights.values(), 'odometry')}

@@ -72,7 +72,8 @@ class Detector:
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
             if unknown := sorted(set(given) - set(known)):
-                raise ModelError(f'{name} has unknown names {unknown}; {model_path} has {sorted(set(known))}')
+                raise ModelError(f'{name} has unknown names {unknown}: keep_classes of detector_node, --classes of detect '
+                                 f'name those that are drones; {model_path} has {sorted(set(known))}')
         # Classes of one name are merged, so that one object with the classes bird and kite gives one detection.
         self._names = list(dict.fromkeys(names))
         number = np.array([self._names.index(name) for name in names], np.intp)
