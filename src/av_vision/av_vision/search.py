@@ -123,7 +123,7 @@ class RegionPlanner:
     @property
     def _side(self) -> int:
         """Side of a tile in pixels of the image."""
-        return round(TILE_INPUT / self._scale)
+        return max(round(TILE_INPUT / self._scale), 1)
 
     @property
     def _scale(self) -> float:
