@@ -13,6 +13,7 @@ from formula_rig import (
     PIXEL_SIGMA,
     SIGHT_TAKES,
     START,
+    STEP,
     Source,
     azimuth_of,
     never,
@@ -131,6 +132,25 @@ def test_without_odometry_the_rig_counts_as_level_and_says_so(contract):
     assert not any(moment.bearing.attitude_known for moment in rig.moments)
     assert all('odometry' in moment.state.missing for moment in rig.moments)
     contract(at_most('error, RMS', rms(rig.errors(SETTLED)), 2.0 * SIGHT_DEG, 'deg'))
+
+
+@pytest.mark.parametrize('period', [0.4, 0.5])
+def test_odometry_that_comes_rarely_is_as_good_where_the_rig_turns_evenly(contract, period):
+    """A steady turn is known between two poses: bearings are those of 50 poses a second."""
+    every = round(period / STEP)
+    often, rarely = (FormulaRig([Source.at(35.0, 10.0)], attitude=lambda t: Rotation.from_euler('z', 30.0 * t, degrees=True),
+                                odometry=sends).run(25.0) for sends in (lambda t: True, lambda t: round(t / STEP) % every == 0))
+    contract(at_most('error over that with poses at 50 Hz', rms(rarely.errors(8.0)) / rms(often.errors(8.0)), 1.1),
+             at_least('within 2 sigma', float(np.mean(rarely.normalised(8.0) < 4.0)), 0.95))
+
+
+@pytest.mark.parametrize(('array', 'heading'), [('pair', 120.0), ('eight', 180.0)])
+def test_odometry_that_begins_late_costs_nothing(contract, array, heading):
+    """Until its estimator has started the rig counts as facing east: directions in the body were measured, and stay."""
+    rig = FormulaRig([Source.at(heading + 20.0, 10.0)], array=array, odometry=lambda t: t > 6.0,
+                     attitude=lambda t: Rotation.from_euler('z', heading, degrees=True)).run(12.0)
+    contract(at_most('error while it begins', rms(rig.errors(5.0)), 2.0, 'deg'),
+             within('names', len({moment.targets.selected for moment in rig.between(5.0)}), 1.0, 1.0))
 
 
 def test_a_heading_that_jumps_costs_a_second(contract):

@@ -107,7 +107,8 @@ def test_a_jump_of_the_attitude_turns_the_history():
         jump = motion.add(pose(0.05 * k, correction * attitude if k >= 40 else attitude, rate))
         if jump is not None:
             found.append(Rotation.from_matrix(jump))
-    assert len(found) == motion.jumps == 1
+    first, *found = found    # from level and facing east to the first pose
+    assert len(found) == motion.jumps == 1 and first.approx_equal(swaying(0.0)[0], 1e-9)
     assert math.degrees((found[0].inv() * correction).magnitude()) < 1.0
     error = Rotation.from_matrix(motion.attitude(1.0)).inv() * correction * swaying(1.0)[0]
     assert math.degrees(error.magnitude()) < 1.0 and 'attitude' in motion.problem(3.0)

@@ -10,7 +10,7 @@ from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, pr
 from av_common.timeline import Timeline
 from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, turned
 
-EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates
+EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
 LEVELLING_S = 1.0  # time constant with which a tilt that is no longer known returns to level
 LARGEST_GAP_S = 0.5  # between two poses that are compared: over longer gaps nothing is known of the motion
@@ -69,7 +69,7 @@ class RigMotion:
     position do not move the rig. Velocities that the sender does not fill in are taken from its positions.
 
     Where the attitude jumps although the rates do not show it, the estimator has corrected itself: the history is turned into
-    the corrected world, and `add` returns that rotation.
+    the corrected world, and `add` returns that rotation; likewise with the first pose.
 
     Attributes:
         jumps: number of jumps.
@@ -90,6 +90,7 @@ class RigMotion:
         """Forget all poses."""
         self._poses.clear()
         self.newest, self._last = -math.inf, Pose(-math.inf)
+        self._interval = 0.0  # s, before the newest pose
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
         self.is_frozen = False
         self._jumped, self._jump = -math.inf, ''
@@ -97,7 +98,7 @@ class RigMotion:
     def add(self, pose: Pose) -> Rows | None:
         """Add a pose; one that is not plausible is ignored.
 
-        Returns the rotation of the world where the attitude jumped, else None.
+        Returns the rotation of the world where the attitude jumped or became known, else None.
         """
         if not pose.is_plausible:
             return None
@@ -109,9 +110,10 @@ class RigMotion:
         w, x, y, z = pose.attitude
         pose = pose._replace(attitude=(w / norm, x / norm, y / norm, z / norm))
         rows = rotation(pose.attitude)
-        rate, velocity, path, jump = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO, None
+        rate, velocity, path = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO
+        jump = rows if self.newest == -math.inf else None  # until the first pose the rig counted as level, facing east
         if self._poses.entries:
-            dt = pose.time - self.newest
+            dt = self._interval = pose.time - self.newest
             velocity, mean = self._velocities(pose, velocity, dt)
             if dt <= LARGEST_GAP_S:
                 rate, jump = self._checked(pose, rate, dt)
@@ -194,7 +196,8 @@ class RigMotion:
     def attitude(self, time: float) -> Rows:
         """Rotation from the body to the world at `time` (s).
 
-        It is interpolated, and for EXTRAPOLATE_S beyond the newest pose extrapolated. After KNOWN_S the rig returns to level.
+        It is interpolated, and beyond the newest pose extrapolated until the next one is due, at least for EXTRAPOLATE_S. After
+        KNOWN_S the rig returns to level.
         """
         if not self._poses.entries:
             return IDENTITY
@@ -202,7 +205,7 @@ class RigMotion:
         ahead = time - self.newest
         if ahead < 0.0:
             return rotation(between(first.attitude, second.attitude, share))
-        turn = combined(min(ahead, EXTRAPOLATE_S), second.rate, 0.0, ZERO)
+        turn = combined(min(ahead, max(EXTRAPOLATE_S, min(self._interval, KNOWN_S))), second.rate, 0.0, ZERO)
         attitude = product(quaternion_of(turn), second.attitude)
         unknown = ahead - KNOWN_S
         if unknown > 0.0:
