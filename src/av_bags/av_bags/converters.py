@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
 from rosidl_runtime_py.set_message import set_message_fields
@@ -19,9 +19,10 @@ from std_msgs.msg import Header
 from av_bags import topics as names
 from av_bags.definitions import BagError
 from av_bags.reader import Bag
-from av_common.angles import wrap
 from av_common.clock import SenderClock
-from av_common.frames import BASE_FRAME, attitude_of, yaw_of
+from av_common.frames import BASE_FRAME, attitude_of
+from av_common.quaternions import Quaternion as Orientation
+from av_common.quaternions import inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame, DoaArray
 from av_vision.messages import image_from_message, image_message
@@ -131,21 +132,20 @@ class AudioBytes:
 
 
 class Poses:
-    """Converts PoseStamped and PoseWithCovarianceStamped to Odometry, with the yaw rate since the previous pose."""
+    """Converts PoseStamped and PoseWithCovarianceStamped to Odometry, with the angular velocity since the previous pose."""
 
     def __init__(self) -> None:
-        self._before: tuple[float, float] | None = None
+        self._before: tuple[float, Orientation] | None = None
 
     def __call__(self, message: Any, _: int) -> Iterable[Odometry]:
         """Convert one pose."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
-        q = pose.orientation
-        time, yaw = to_seconds(message.header.stamp), yaw_of(attitude_of(q))
-        rate = 0.0
+        time, attitude, rate = to_seconds(message.header.stamp), attitude_of(pose.orientation), Vector3()
         if self._before is not None and time > self._before[0]:
-            rate = float(wrap(yaw - self._before[1])) / (time - self._before[0])
-        self._before = (time, yaw)
-        return [_odometry(message.header, pose.position, q, rate)]
+            x, y, z = (part / (time - self._before[0]) for part in vector_of(product(inverse(self._before[1]), attitude)))
+            rate = Vector3(x=x, y=y, z=z)
+        self._before = (time, attitude)
+        return [_odometry(message.header, pose.position, pose.orientation, rate)]
 
 
 def unjudged(message: Any, _: int) -> Iterable[DoaArray]:
@@ -166,16 +166,16 @@ def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
 
 
 def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:
-    """Convert an Imu to Odometry at the origin; empty for one without orientation (covariance -1)."""
+    """Convert an Imu to Odometry of its frame at the origin; empty for one without orientation (covariance -1)."""
     if message.orientation_covariance[0] == -1.0:
         return []
-    return [_odometry(message.header, Point(), message.orientation, message.angular_velocity.z)]
+    return [_odometry(message.header, Point(), message.orientation, message.angular_velocity, message.header.frame_id)]
 
 
-def _odometry(header: Header, position: Point, orientation: Quaternion, yaw_rate: float) -> Odometry:
-    message = Odometry(header=header, child_frame_id=BASE_FRAME)
+def _odometry(header: Header, position: Point, orientation: Quaternion, rate: Vector3, frame: str = '') -> Odometry:
+    message = Odometry(header=header, child_frame_id=frame or BASE_FRAME)
     message.pose.pose = Pose(position=position, orientation=orientation)
-    message.twist.twist.angular.z = yaw_rate
+    message.twist.twist.angular = rate
     return message
 
 

@@ -2,18 +2,20 @@ import math
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import bag_messages as make
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
+from scipy.spatial.transform import Rotation
 
 from av_bags.converters import AudioLayout
 from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_bags.writer import BagWriter
-from av_common.track import State
+from av_common.track import Source, State
 from av_evaluation.cli.replay import main
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.replay.replay import Replay, ReplaySettings
@@ -197,6 +199,69 @@ def test_odometry_of_other_types_turns_the_rig(tmp_path):
             bearings = [bag.decode(topic, data) for topic, _, data in bag.messages(['/target/bearing'])]
         known = [b.azimuth_world for b in bearings if b.state != State.NONE][20:]
         np.testing.assert_allclose(known, world, atol=0.02)
+
+
+MOUNT = Rotation.from_euler('ZYX', [90.0, 0.0, 180.0], degrees=True)    # of a sensor on the body: turned, upside down
+
+
+@pytest.mark.parametrize('kind', ['imu', 'tracking camera'])
+def test_odometry_of_a_sensor_is_turned_to_the_body_that_carries_it(tmp_path, kind):
+    """By tf_static; a tilted body that turns is right between the poses of 4 Hz, too."""
+    tilt, world = Rotation.from_euler('x', 40.0, degrees=True), 0.7
+
+    def quaternion(rotation):
+        return make.make('geometry_msgs/msg/Quaternion', *map(float, rotation.as_quat()))
+
+    def odometry(time, body, rate):
+        attitude, rates = quaternion(body * MOUNT), make.vector(*(body * MOUNT).inv().apply([0.0, 0.0, rate]))
+        if kind == 'imu':
+            return make.make('sensor_msgs/msg/Imu', make.header(time, 'sensor'), attitude, np.zeros(9), rates, np.zeros(9),
+                             make.vector(), np.zeros(9))
+        message = make.odometry(time, child='sensor')
+        return replace(message, pose=replace(message.pose, pose=replace(message.pose.pose, orientation=attitude)),
+                       twist=replace(message.twist, twist=make.make('geometry_msgs/msg/Twist', make.vector(), rates)))
+
+    with make.bag(tmp_path / 'bag') as write:
+        frames = make.static_frames(make.EPOCH)
+        mount = make.make('geometry_msgs/msg/Transform', make.vector(), quaternion(MOUNT))
+        frames.transforms.append(make.make('geometry_msgs/msg/TransformStamped', make.header(make.EPOCH), 'sensor', mount))
+        write('/tf_static', make.EPOCH, frames)
+        for k in range(450):
+            time = make.EPOCH + 0.02 * k
+            body = Rotation.from_euler('z', world + 0.4 * math.sin(0.024 * k)) * tilt
+            if k % 12 == 0:
+                write('/odometry', time, odometry(time, body, 0.48 * math.cos(0.024 * k)))
+            if k % 5 == 0:
+                x, y, z = body.inv().apply([math.cos(world), math.sin(world), 0.0])
+                at = (319.5 - 457.0 * y / x, 239.5 - 457.0 * z / x)
+                write('/detections', time, make.detections(time, 0.0, at=at))
+                write('/camera/camera_info', time, make.camera_info(time))
+    with Bag(tmp_path / 'bag') as bag, BagWriter(tmp_path / 'out.mcap') as out:
+        replay = Replay(bag, ReplaySettings())
+        replay.run(out)
+    assert not replay.lost and not any(note.startswith('odometry') for note in replay.notes)
+    with Bag(tmp_path / 'out.mcap') as bag:
+        bearings = [bag.decode(topic, data) for topic, _, data in bag.messages(['/target/bearing'])]
+    known = [b.azimuth_world for b in bearings if b.source & Source.SIGHT][40:]
+    assert len(known) > 100
+    np.testing.assert_allclose(known, world, atol=0.03)
+
+
+def test_odometry_that_cannot_be_used_is_counted_and_named(tmp_path):
+    """A quaternion of norm 2, and a frame of which nothing is known."""
+    with make.bag(tmp_path / 'bag') as write:
+        for k in range(100):
+            time = make.EPOCH + 0.02 * k
+            message = make.odometry(time, child='robot_base')
+            if k % 4 == 0:
+                message = replace(message, pose=replace(message.pose, pose=replace(
+                    message.pose.pose, orientation=make.make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 2.0))))
+            write('/odometry', time, message)
+            if k % 5 == 0:
+                write('/doa', time, make.doa(time - 0.25, 0.5))
+    replay, _ = replayed(tmp_path / 'bag')
+    assert replay.lost and '25 messages of odometry: attitude of norm 2, expected 1' in replay.notes
+    assert "odometry of 'robot_base': no transform from it to the body, it counts as the body's" in replay.notes
 
 
 def test_stamps_of_another_clock_are_taken_as_the_clock(tmp_path):

@@ -178,13 +178,13 @@ class FusionStage:
         Parameters:
             message: attitude and yaw rate of the rig in ENU.
             arrival (s): time of its arrival.
+
+        Raises ValueError for one without attitude.
         """
         self._follow_clock(arrival)
         if not self.gate.accept(ODOMETRY, to_seconds(message.header.stamp), arrival):
             return
-        pose = pose_of(message)
-        if pose is not None:
-            self.tracker.add_pose(pose)
+        self.tracker.add_pose(pose_of(message))
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the body is told, by which odometry is judged; bearings do not follow it.

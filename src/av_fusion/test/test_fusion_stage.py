@@ -265,12 +265,13 @@ def test_frames_and_cameras_that_are_unknown_are_left_out():
     assert not recorder.doa and not recorder.camera
 
 
-def test_an_unknown_attitude_is_ignored():
+def test_an_unknown_attitude_is_refused():
     stage = make_stage()
     stage.on_odometry(odometry(START, 1.0), START)
     unknown = odometry(START + 0.1, 0.0)
     unknown.pose.pose.orientation.w = 0.0
-    stage.on_odometry(unknown, START + 0.1)
+    with pytest.raises(ValueError, match='attitude of norm 0, expected 1'):
+        stage.on_odometry(unknown, START + 0.1)
     for k in range(5):
         bearing = stage.on_doa(doa(START + 0.1 * k, 0.2), START + 0.1 * k).bearing
     assert bearing.azimuth_world - bearing.azimuth == pytest.approx(1.0)

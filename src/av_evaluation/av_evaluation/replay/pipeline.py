@@ -9,9 +9,12 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 import numpy as np
+from geometry_msgs.msg import Point, Quaternion, Vector3
+from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from transforms3d.quaternions import quat2mat
+from std_msgs.msg import Header
+from transforms3d.quaternions import mat2quat, qconjugate, qmult, quat2mat
 
 from av_audio.stage import DoaStage
 from av_bags import topics as names
@@ -21,7 +24,7 @@ from av_common.frames import BASE_FRAME, attitude_of
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
 from av_common.rig import Rig
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord
@@ -192,6 +195,7 @@ class SensorFrames:
         self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
+        self._carried: dict[str, NDArray | None] = {}    # rotations into the body of frames of odometry
 
     def learn(self, bag: Bag, topic: str) -> None:
         """Take the transforms of a bag's topic; they go before the rig's description."""
@@ -214,6 +218,35 @@ class SensorFrames:
             return rotation
         sample = self._gimbal.at(time)
         return None if sample is None else sample.rotation @ rotation
+
+    def odometry_of_body(self, message: Any) -> Any:
+        """Odometry of a sensor's frame, such as that of an IMU or a tracking camera, as that of the body that carries it.
+
+        One of a frame that neither transforms nor the description know is taken for the body's.
+        """
+        frame = message.child_frame_id
+        if frame not in self._carried:
+            parent, rotation = self._look_up(frame) or ('', None)
+            self._carried[frame] = rotation if parent == BASE_FRAME else None
+        rotation = self._carried[frame]
+        if rotation is None or np.allclose(rotation, np.eye(3)):
+            return message
+        turned = Odometry(header=Header(stamp=to_stamp(to_seconds(message.header.stamp)), frame_id=message.header.frame_id),
+                          child_frame_id=BASE_FRAME)
+        attitude, place = message.pose.pose.orientation, message.pose.pose.position
+        w, x, y, z = map(float, qmult(attitude_of(attitude), qconjugate(mat2quat(rotation))))
+        turned.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
+        turned.pose.pose.position = Point(x=place.x, y=place.y, z=place.z)
+        for name in ('linear', 'angular'):
+            twist = getattr(message.twist.twist, name)
+            x, y, z = map(float, rotation @ (twist.x, twist.y, twist.z))
+            setattr(turned.twist.twist, name, Vector3(x=x, y=y, z=z))
+        return turned
+
+    @property
+    def assumed(self) -> list[str]:
+        """Frames of odometry that are taken for the body's."""
+        return sorted(frame for frame, rotation in self._carried.items() if frame and rotation is None)
 
     def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
         """The body's or the gimbal's frame, and the rotation into it."""

@@ -178,6 +178,11 @@ class Replay:
                 self.log.notes[name] = f'poses left out, such as this: {error}'
         elif name != names.FRAMES:
             self._pipeline.advance(arrival)
+            try:
+                message = self._frames.odometry_of_body(message) if name == names.ODOMETRY else message
+            except ValueError as error:
+                self._pipeline.problems[f'{name}: {error}'] += 1
+                return
             self._pipeline.take(name, message, arrival)
 
     def _publish(self, name: str, time: float, message: Any) -> None:
@@ -286,6 +291,8 @@ class Replay:
                 if count:
                     self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
                                f"before the bag's time, or {FUTURE_S:g} s after it")
+        for frame in self._frames.assumed:
+            self._note(f'odometry of {frame!r}: no transform from it to the body, it counts as the body\'s')
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 

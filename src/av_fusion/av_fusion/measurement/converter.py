@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL, attitude_of, is_orientation
+from av_common.frames import FLU_TO_OPTICAL, attitude_of, checked_orientation
 from av_common.gimbal_history import GimbalHistory
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
@@ -178,14 +178,12 @@ def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return boxes[suppress(corners, boxes[:, 4], NMS_IOU, NMS_NESTED)]
 
 
-def pose_of(message: Odometry) -> Pose | None:
-    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU); None without attitude."""
-    attitude, twist, position = attitude_of(message.pose.pose.orientation), message.twist.twist, message.pose.pose.position
-    if not is_orientation(attitude):
-        return None
+def pose_of(message: Odometry) -> Pose:
+    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU). Raises ValueError for one without attitude."""
+    attitude, twist = checked_orientation(attitude_of(message.pose.pose.orientation), 'attitude'), message.twist.twist
     return Pose(to_seconds(message.header.stamp), attitude,
                 _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO,
-                _usable(position, math.inf))
+                _usable(message.pose.pose.position, math.inf))
 
 
 def _usable(message: Any, limit: float) -> Vector | None:

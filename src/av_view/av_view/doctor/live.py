@@ -150,11 +150,10 @@ class LiveCheck:
         self._monitor.advance(to_seconds(message.header.stamp))
 
     def on_odometry(self, message: Odometry) -> None:
-        """Take the rig's attitude."""
+        """Take the rig's attitude. Raises ValueError for none."""
         pose = pose_of(message)
-        if pose is not None:
-            self._motion.add(pose)
-            self.observed.headings.append((pose.time, self._motion.yaw(pose.time)))
+        self._motion.add(pose)
+        self.observed.headings.append((pose.time, self._motion.yaw(pose.time)))
 
     def on_gimbal(self, message: GimbalState, arrival: float) -> None:
         """Take the gimbal's orientation, which arrived at a time (s)."""
