@@ -19,6 +19,7 @@ from av_common.angles import wrap
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 
 MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of the axis
+MIRRORED = -0.7    # correlation of cosines and paths: those of exchanged sides explain half of what paths differ by
 MIN_CONFIDENCE = 0.9    # as of directions that fusion uses
 # Consensus: trials of two estimates for each rotation of the axis, and the largest misfit in baselines that agrees. With steps
 # of 5 degrees or 50 trials no error changes by a tenth; half of the misfit makes those of few estimates a fifth larger.
@@ -117,7 +118,8 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
         azimuths (n,) (rad): true azimuths of the source in the array's frame.
         paths (n,) (m): measured path differences c tau, see `measured_path`.
 
-    Raises ValueError when the array is not a pair, or the azimuths do not determine the fit, or hardly two paths agree.
+    Raises ValueError when the array is not a pair, or the azimuths do not determine the fit, or hardly two paths agree, or left
+    and right are exchanged.
     """
     if array.channels != 2:
         raise ValueError(f'calibration needs two microphones, {array.name} has {array.channels}')
@@ -125,9 +127,14 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
     axis = np.arctan2(array.basis[1, 0], array.basis[0, 0])
     spread = np.ptp(np.cos(azimuths - axis)) if azimuths.size else 0.0
     if azimuths.size < MIN_ANGLES or spread < MIN_SPREAD:
+        in_radians = azimuths.size and np.degrees(np.abs(azimuths).max()) <= np.pi
         raise ValueError(f'{azimuths.size} angles that span {spread:.1f} of the 2.0 between both ends of the axis; '
-                         f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed')
+                         f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed'
+                         f'{": are the azimuths in degrees?" if in_radians else ""}')
     relative = paths / array.aperture
+    if np.corrcoef(np.cos(azimuths - axis), relative)[0, 1] < MIRRORED:
+        raise ValueError('left and right are exchanged: give the channels in the order of the array file (--channels 1 0), or '
+                         'azimuths counter-clockwise')
     coefficients, offset, outliers = _fit(azimuths - axis, relative)
     grid = np.linspace(np.pi, 0.0, 61)
     measured = _bernstein(grid) @ coefficients

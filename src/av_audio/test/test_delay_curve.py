@@ -121,9 +121,19 @@ def test_what_contradicts_itself_is_not_used(wrong):
     try:
         judgement = judge(calibrate(NOMINAL, *wrong(azimuths, paths, rng)))
     except ValueError as error:
-        assert 'agree' in str(error)
+        assert 'agree' in str(error) or 'exchanged' in str(error)
     else:
         assert judgement.verdict == Verdict.DO_NOT_USE
+
+
+def test_exchanged_sides_and_radians_are_named():
+    """By the sign of paths, also with outliers and at few places; azimuths in radians span hardly anything in degrees."""
+    rng = np.random.default_rng(5)
+    for azimuths, paths, _ in (recording(rng, 200, 0.2), recording(rng, 60)):
+        with pytest.raises(ValueError, match='left and right are exchanged: give the channels'):
+            calibrate(NOMINAL, -azimuths, paths)
+        with pytest.raises(ValueError, match='are the azimuths in degrees'):
+            calibrate(NOMINAL, np.radians(azimuths), paths)
 
 
 class Hiss:
