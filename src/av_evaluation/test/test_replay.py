@@ -143,6 +143,48 @@ def test_missing_topics_are_named_with_what_is_done_without(tmp_path):
     assert 'no topic truth/target' in notes
 
 
+def test_sound_that_gives_no_directions_says_why(tmp_path):
+    """A publisher that does not count its samples, and a dead microphone, as doa_node reports them."""
+    for name in ('uncounted', 'dead'):
+        with make.bag(tmp_path / name) as write:
+            for number, frame in enumerate(make.audio_frames(make.EPOCH, make.sound_of(-0.4, 6.0))):
+                samples = frame.samples.copy()
+                samples[1::2] *= name != 'dead'
+                write('/audio/frames', make.EPOCH + 0.05 * (number + 1), replace(
+                    frame, samples=samples, first_sample=0 if name == 'uncounted' else frame.first_sample))
+    notes = ['\n'.join(replayed(tmp_path / name)[0].notes) for name in ('uncounted', 'dead')]
+    assert 'audio/frames: 119 windows began anew, after gaps or steps back of first_sample' in notes[0]
+    assert 'audio/frames: channel 1 is dead' in notes[1] and 'began anew' not in notes[1]
+
+
+def test_a_rig_that_is_not_as_described_is_told(tmp_path):
+    """A camera that is mounted 25 deg to the side, by what is heard and seen while the rig turns."""
+    with make.bag(tmp_path / 'bag') as write:
+        rng = np.random.default_rng(3)
+        for k in range(2000):
+            time = make.EPOCH + 0.02 * k
+            yaw, before = (0.5 * math.sin(0.6 * at) for at in (0.02 * k, 0.02 * k - 0.25))
+            write('/odometry', time, make.odometry(time, yaw=yaw, yaw_rate=0.3 * math.cos(0.012 * k)))
+            if k % 5 == 0:
+                write('/doa', time, make.doa(time - 0.25, 0.1 - before + rng.normal(0.0, 0.02)))
+            if k % 4 == 0:
+                write('/detections', time, make.detections(time, 0.1 - yaw - 0.44 + rng.normal(0.0, 0.003)))
+                write('/camera/camera_info', time, make.camera_info(time))
+        write('/tf_static', make.EPOCH, make.static_frames(make.EPOCH))
+    replay, _ = replayed(tmp_path / 'bag')
+    assert any(note.startswith('the rig is not as described: the camera') for note in replay.notes), replay.notes
+
+
+@pytest.mark.parametrize('topic', ['/mic/sound', '/left/audio/frames and /right/audio/frames'])
+def test_inputs_of_other_names_are_hinted_at(tmp_path, topic):
+    with make.bag(tmp_path / 'bag') as write:
+        for name in topic.split(' and '):
+            for frame in make.audio_frames(make.EPOCH, make.sound_of(-0.4, 0.2)):
+                write(name, make.EPOCH, frame)
+    with pytest.raises(BagError, match=re.escape('audio/frames:=/mic/sound' if topic == '/mic/sound' else 'remap one')):
+        replayed(tmp_path / 'bag')
+
+
 def test_without_anything_to_compute_from_the_bag_is_refused(tmp_path):
     path = make.flight(tmp_path / 'bag', leave_out=('doa', 'detections'), duration=1.0)
     with pytest.raises(BagError, match='cannot be replayed from raw: no topic audio/frames'):

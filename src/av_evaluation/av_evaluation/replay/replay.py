@@ -196,7 +196,8 @@ class Replay:
         inputs = {'raw': (names.AUDIO, images), 'doa': (names.DOA, names.DETECTIONS), 'bearing': (names.BEARING,)}
         wanted = inputs[self.stage]
         if not any(name in found for name in wanted):
-            reasons = '; '.join(found.missing[name] for name in wanted)
+            all_inputs = () if self._settings.stage else (names.AUDIO, names.DOA, names.DETECTIONS)
+            reasons = '; '.join(found.missing[name] for name in (*wanted, *all_inputs))
             raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
         for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
@@ -225,7 +226,7 @@ class Replay:
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
-        doa = self._doa_stage(rig)
+        doa = self._doa = self._doa_stage(rig)
         others = {method: self._doa_stage(rig, method=method) for method in estimators}
         self._comparison = None if self._record is None else EstimatorComparison(
             {method: stage for method, stage in others.items() if stage is not None}, self._converter, self._record)
@@ -283,18 +284,33 @@ class Replay:
         self._conclude_stages()
 
     def _conclude_stages(self) -> None:
-        """Note what the stages could not use since they began."""
+        """Note what the stages could not use since they began, and what is wrong with the rig."""
         for problem, count in sorted(self._pipeline.problems.items()):
             self._lose(f'{count} message{"s" if count > 1 else ""} of {problem}')
+        if self._doa is not None:
+            self._conclude_sound(self._doa)
         if self._fusion is not None:
-            for name, count in self._fusion.gate.foreign_stamps.items():
-                if count:
-                    self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
-                               f"before the bag's time, or {FUTURE_S:g} s after it")
+            self._conclude_fusion(self._fusion)
         for frame in self._frames.assumed:
-            self._note(f'odometry of {frame!r}: no transform from it to the body, it counts as the body\'s')
+            self._note(f"odometry of {frame!r}: no transform from it to the body, it counts as the body's")
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
+
+    def _conclude_sound(self, doa: DoaStage) -> None:
+        for fault in doa.faults:
+            self._note(f'{names.AUDIO}: {fault}')
+        if doa.restarts:
+            self._note(f'{names.AUDIO}: {doa.restarts} windows began anew, after gaps or steps back of first_sample, or '
+                       'samples that are not finite')
+
+    def _conclude_fusion(self, fusion: FusionStage) -> None:
+        fault = fusion.consistency.fault if fusion.consistency is not None else None
+        if fault is not None:
+            self._note(f'the rig is not as described: {fault}')
+        for name, count in fusion.gate.foreign_stamps.items():
+            if count:
+                self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
+                           f"before the bag's time, or {FUTURE_S:g} s after it")
 
 
 BATCH = 1000  # messages, sorted before they are written: some tenths of a second
