@@ -27,12 +27,11 @@ def test_a_recording_of_rotors_buys_decibels_and_its_limit_is_said():
 def test_a_recording_that_clips_is_told(tmp_path, capsys):
     """What is cut off is not the noise that is heard later."""
     PAIR.save(tmp_path / 'pair.yaml')
-    alone = flying(PAIR)
-    for sigmas, told in ((8.0, False), (2.0, True)):
-        soundfile.write(tmp_path / 'alone.wav', np.clip(alone / (sigmas * alone.std()), -1.0, 1.0), RATE)
-        with contextlib.suppress(SystemExit):
-            record_ego_noise.main([str(tmp_path / 'alone.wav'), '--array', str(tmp_path / 'pair.yaml'), '--judge'])
-        assert ('clips' in capsys.readouterr().err) == told
+    alone = flying(PAIR, 4.0)
+    soundfile.write(tmp_path / 'alone.wav', np.clip(alone / (2.0 * alone.std()), -1.0, 1.0), RATE)
+    with contextlib.suppress(SystemExit):
+        record_ego_noise.main([str(tmp_path / 'alone.wav'), '--array', str(tmp_path / 'pair.yaml'), '--judge'])
+    assert 'channel 0 clips' in capsys.readouterr().err
 
 
 def test_noise_of_the_microphones_cannot_be_bought_off():
@@ -46,7 +45,8 @@ def test_the_program_records_and_judges(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(record_ego_noise, 'DeviceSource', lambda device, rate, channels: type('', (), {'sample_rate': RATE}))
     arguments = [str(tmp_path / 'alone.wav'), '--array', str(tmp_path / 'pair.yaml')]
     record_ego_noise.main([*arguments, '--throttle', '40', '60'])
-    assert 'the recording buys' in capsys.readouterr().out and soundfile.info(tmp_path / 'alone.wav').duration == 6.0
+    told = capsys.readouterr()
+    assert 'the recording buys' in told.out and not told.err and soundfile.info(tmp_path / 'alone.wav').duration == 6.0
     RING.save(tmp_path / 'pair.yaml')
     with pytest.raises(SystemExit, match=r'expected \(n, 8\)'):
         record_ego_noise.main([*arguments, '--judge'])
