@@ -306,6 +306,22 @@ def test_odometry_that_cannot_be_used_is_counted_and_named(tmp_path):
     assert "odometry of 'robot_base': no transform from it to the body, it counts as the body's" in replay.notes
 
 
+def test_a_transform_without_rotation_is_left_out_and_named(tmp_path):
+    """A quaternion of zeros, as of a message that nobody filled in, is no identity: the description of the rig counts."""
+    with make.bag(tmp_path / 'bag') as write:
+        nowhere = make.make('geometry_msgs/msg/Transform', make.vector(), make.make('geometry_msgs/msg/Quaternion', *4 * [0.0]))
+        write('/tf_static', make.EPOCH, make.make('tf2_msgs/msg/TFMessage', [make.make(
+            'geometry_msgs/msg/TransformStamped', make.header(make.EPOCH, 'base_link'), 'camera_optical_frame', nowhere)]))
+        for k in range(40):
+            time = make.EPOCH + 0.1 * k
+            write('/odometry', time, make.odometry(time))
+            write('/camera/camera_info', time, make.camera_info(time))
+            write('/detections', time, make.detections(time, 0.0))
+    replay, log = replayed(tmp_path / 'bag')
+    assert "the transform of 'camera_optical_frame' is left out: its rotation is no unit quaternion" in replay.notes
+    assert replay.lost and np.abs(log.fused['azimuth'][-10:]).max() < 0.1
+
+
 def test_stamps_of_another_clock_are_taken_as_the_clock(tmp_path):
     shifted = make.flight(tmp_path / 'shifted', offset=-make.EPOCH + 100.0, duration=10.0)
     plain = make.flight(tmp_path / 'plain', duration=10.0)

@@ -20,7 +20,7 @@ from av_audio.stage import DoaStage
 from av_bags import topics as names
 from av_bags.definitions import serialiser
 from av_bags.reader import Bag
-from av_common.frames import BASE_FRAME, attitude_of
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
 from av_common.rig import Rig
@@ -177,7 +177,11 @@ class EstimatorComparison:
 
 
 class SensorFrames:
-    """Rotations (3, 3) of sensor frames into the body's, by name; `unknown` names frames that were asked for in vain.
+    """Rotations (3, 3) of sensor frames into the body's, by name.
+
+    Attributes:
+        unknown: frames that were asked for in vain.
+        impossible: frames whose transform has a quaternion of another norm than 1; it is left out.
 
     Parameters:
         rig: the description.
@@ -195,14 +199,18 @@ class SensorFrames:
         self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
+        self.impossible: set[str] = set()
         self._carried: dict[str, NDArray | None] = {}    # rotations into the body of frames of odometry
 
     def learn(self, bag: Bag, topic: str) -> None:
         """Take the transforms of a bag's topic; they go before the rig's description."""
         for _, _, data in bag.messages([topic]):
             for transform in bag.decode(topic, data).transforms:
-                q = transform.transform.rotation
-                self._parents[transform.child_frame_id] = (transform.header.frame_id, quat2mat(attitude_of(q)))
+                attitude, frame = attitude_of(transform.transform.rotation), transform.child_frame_id
+                if is_orientation(attitude):
+                    self._parents[frame] = (transform.header.frame_id, quat2mat(attitude))
+                else:
+                    self.impossible.add(frame)
 
     def rotation(self, frame: str, time: float) -> NDArray | None:
         """From `frame` to the body at `time` (s); None where neither transforms nor the description know it.
