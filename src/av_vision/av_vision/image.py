@@ -102,9 +102,11 @@ class BadPixels:
         if same.mean() < 0.5:    # else a repeated image, or steps above the noise
             self._same = (self._same + 1.0) * same
         self._last, self.found = counts, bool((self._same == STUCK).mean() > 1e-3)
-        top = (counts == counts.max()).astype(np.uint8)
-        things = cv2.morphologyEx(top, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0    # hotter than the range
-        bad = (counts == 0.0) | ((self._same >= STUCK) & ~saturated(counts) & ~things)
+        bad, stuck = counts == 0.0, self._same >= STUCK
+        if stuck.any():
+            top = (counts == counts.max()).astype(np.uint8)
+            things = cv2.morphologyEx(top, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0    # hotter than the range
+            bad |= stuck & ~saturated(counts) & ~things
         if not 0.0 < bad.mean() < MOST_BAD:
             return counts
         weights = (~bad).astype(np.float32)

@@ -12,7 +12,7 @@ from pathlib import Path
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import write_json
-from av_evaluation.report.text import cell, format_rows, rmse_cell, rmse_with_coverage, rows_of
+from av_evaluation.report.text import format_rows, rmse_cell, rmse_with_coverage, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
@@ -50,7 +50,7 @@ def measured_table(content: Mapping) -> str:
         figures = content['experiments'].get(name)
         if figures:
             cells = [f'{rmse_cell(figures["fused"])}{_worse(figures)}', rmse_cell(figures['gated']),
-                     *(cell(figures[sense], 'held_rmse_deg', 1.0, '{:.2f}°') for sense in ('sound', 'sight')),
+                     *(rmse_cell(figures[sense], 'held_rmse_deg') for sense in ('sound', 'sight')),
                      f'{rmse_cell(figures["sound"])}, {rmse_with_coverage(figures["sight"])}',
                      ', '.join(PUBLISHED[published][1:]) if published else '–']
             lines.append(f'| {title} | {" | ".join(cells)} |')

@@ -88,9 +88,9 @@ def cell(figures: Figures, key: str, scale: float, form: str) -> str:
     return form.format(scale * value) if value is not None else '–'
 
 
-def rmse_cell(figures: Figures) -> str:
-    """The RMSE as text."""
-    return cell(figures, 'rmse_deg', 1.0, '{:.2f}°')
+def rmse_cell(figures: Figures, key: str = 'rmse_deg') -> str:
+    """The RMSE as text, or another angle by its key."""
+    return cell(figures, key, 1.0, '{:.2f}°')
 
 
 def rmse_with_coverage(figures: Figures) -> str:

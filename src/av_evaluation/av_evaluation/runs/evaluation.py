@@ -83,9 +83,10 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, begin: float,
     elif is_tracker(method) and method != 'moving_average':
         delay = np.zeros(0)
     else:
-        delay = (log.sight if method == 'sight' else log.sound)['delay']
+        series = log.sight if method == 'sight' else log.sound
+        delay = series['delay']
     if method in ('sound', 'sight'):
-        series, fused = getattr(log, method), log.fused['time'][log.fused['state'] != State.NONE]
+        fused = log.fused['time'][log.fused['state'] != State.NONE]
         arrival = dict(zip(series['time'], series['time'] + series['delay'], strict=True))
         result.held_deg = held_errors(np.array([arrival[each] for each in time]), time, azimuth, fused[fused >= begin], log)
     known = delay[np.isfinite(delay)]
