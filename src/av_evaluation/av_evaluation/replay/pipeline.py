@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
-from transforms3d.quaternions import mat2quat, qconjugate, qmult, quat2mat
+from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_audio.stage import DoaStage
 from av_bags import topics as names
@@ -23,6 +23,8 @@ from av_bags.reader import Bag
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
+from av_common.quaternions import Quaternion as Orientation
+from av_common.quaternions import inverse, product
 from av_common.rig import Rig
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track_messages import track_of_bearing
@@ -200,7 +202,8 @@ class SensorFrames:
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
         self.impossible: set[str] = set()
-        self._carried: dict[str, NDArray | None] = {}    # rotations into the body of frames of odometry
+        # Of frames of odometry the rotations into the body, and that from the body as a quaternion.
+        self._carried: dict[str, tuple[NDArray, Orientation] | None] = {}
 
     def learn(self, bag: Bag, topic: str) -> None:
         """Take the transforms of a bag's topic; they go before the rig's description."""
@@ -234,15 +237,16 @@ class SensorFrames:
         """
         frame = message.child_frame_id
         if frame not in self._carried:
-            parent, rotation = self._look_up(frame) or ('', None)
-            self._carried[frame] = rotation if parent == BASE_FRAME else None
-        rotation = self._carried[frame]
-        if rotation is None or np.allclose(rotation, np.eye(3)):
+            parent, rotation = self._look_up(frame) or ('', np.eye(3))
+            self._carried[frame] = (rotation, inverse(mat2quat(rotation).tolist())) if parent == BASE_FRAME else None
+        carried = self._carried[frame]
+        if carried is None or np.allclose(carried[0], np.eye(3)):
             return message
+        rotation, from_body = carried
         turned = Odometry(header=Header(stamp=to_stamp(to_seconds(message.header.stamp)), frame_id=message.header.frame_id),
                           child_frame_id=BASE_FRAME)
         attitude, place = message.pose.pose.orientation, message.pose.pose.position
-        w, x, y, z = map(float, qmult(attitude_of(attitude), qconjugate(mat2quat(rotation))))
+        w, x, y, z = product(attitude_of(attitude), from_body)
         turned.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
         turned.pose.pose.position = Point(x=place.x, y=place.y, z=place.z)
         for name in ('linear', 'angular'):
@@ -254,7 +258,7 @@ class SensorFrames:
     @property
     def assumed(self) -> list[str]:
         """Frames of odometry that are taken for the body's."""
-        return sorted(frame for frame, rotation in self._carried.items() if frame and rotation is None)
+        return sorted(frame for frame, carried in self._carried.items() if frame and carried is None)
 
     def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
         """The body's or the gimbal's frame, and the rotation into it."""
