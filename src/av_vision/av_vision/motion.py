@@ -61,7 +61,7 @@ class MotionModel:
 
         That of specks includes the odds of what rests.
         """
-        speck = min(max(self.moves(path) - self.rests, -DECIDED), 0.0) if path.size < self.speck else 0.0
+        speck = min(max(self.moves(path), -DECIDED) - self.rests, 0.0) if path.size < self.speck else 0.0
         speed, acceleration = path.motion() if self.gain else (0.0, 0.0)
         if speed < self.least_speed:
             return speck

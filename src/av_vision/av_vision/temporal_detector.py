@@ -114,10 +114,19 @@ class TemporalDetector:
     def searched(self, time: float) -> bool:
         """Whether the image of a capture time (s) could have shown every object: nothing else makes their absence evidence.
 
-        All of it was searched within the last seconds, and each reported track was looked for in this very image.
+        All of it was searched within the last seconds, each track that was or may be reported was looked for in this very
+        image, and none that it shows is withheld for its motion alone.
         """
-        unseen = any(track.id and track.looked < time for track in self._tracker.tracks)
-        return self.planner is None or (not unseen and self.planner.searched(time))
+        for track in self._tracker.tracks:
+            likely = self._is_likely(track)
+            if ((track.id or likely) and track.looked < time) or (likely and track.time == time):
+                return False
+        return self.planner is None or self.planner.searched(time)
+
+    def _is_likely(self, track: ImageTrack) -> bool:
+        """Whether a track would be reported if it were not for its motion."""
+        fused = track.scores.probabilities()
+        return bool(self.detector.kept[fused.argmax()] and fused.max() > (self._threshold or self.detector.threshold))
 
     def _cues(self, time: float) -> list[Cue]:
         """Where tracks are expected, those that are most likely of a class to report first."""

@@ -96,6 +96,13 @@ def test_a_speck_counts_as_what_rests_until_it_moves_as_drones_do():
     assert watched((0.0, 0.0), (0.0, 0.0), size=9.0) == 0.0, 'no speck'
 
 
+def test_what_is_seen_to_rest_needs_more_than_what_is_not_yet_to_be_told():
+    """Prior odds and the evidence of the test add up: a lamp of score 0.98 is no drone, once it has rested for a second."""
+    for seed in range(50):
+        assert watched((0.0, 0.0), (0.0, 0.0), seconds=0.8, seed=seed) == pytest.approx(-2.94, abs=0.01)
+        assert watched((0.0, 0.0), (0.0, 0.0), seed=seed) < -math.log(0.98 / 0.02)
+
+
 def test_jitter_is_no_motion():
     """A box that jumps by a pixel between two leaves has a noise of its own."""
     assert np.mean([watched((0.0, 0.0), (0.0, 0.0), noise=1.0, seed=seed) < -1.0 for seed in range(200)]) > 0.95

@@ -135,3 +135,16 @@ def test_a_doubtful_box_has_its_own_score_as_far_as_it_is_doubtful(tmp_path):
 def test_a_camera_that_shakes_without_telling_its_pose_loses_no_drone(tmp_path):
     (score,), missed = followed(tmp_path, (45.0, 60.0, 0.001, 0.95))
     assert score > 0.85 and missed == 0
+
+
+def test_what_is_withheld_for_its_motion_is_no_empty_view(tmp_path):
+    """A speck that rests and looks like a drone may be one: neither is it reported, nor is its image one without a drone."""
+    speck = {**CALIBRATED, 'motion': json.dumps({'speck': 8.0, 'bend': 16.0, 'bends': 1.2, 'rests': 2.94})}
+    for drone, empty in ((0.9, False), (0.2, True)):    # by its own score
+        detection, rng = TemporalDetector(detector(tmp_path, 0.9, speck)), np.random.default_rng(0)
+        for k in range(30):
+            low = np.array([100.0, 80.0]) + rng.normal(0.0, 0.3, 2)
+            found, _ = detection.fuse(Candidates(np.float32([[*low, *(low + 6.0)]]), np.float32([[0.01, drone]])), 0.1 * k)
+            assert len(found) == 0 and detection.searched(0.1 * k) == empty, (drone, k)
+        detection.fuse(Candidates(np.empty((0, 4), np.float32), np.empty((0, 2), np.float32)), 3.0)
+        assert detection.searched(3.0), 'gone, and looked for'
