@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -93,6 +94,54 @@ def test_a_source_beside_a_head_is_one():
         estimate, = Localizer(EARS, rate, settings).process(add_noise(rng, sound / sound.std(), 20.0).astype(np.float32), 0)
         confidences.append(sum(further.confidence[0] for further in estimate.further))
     assert np.mean(confidences) < 0.25
+
+
+def write_sofa(path, azimuths_deg, responses, rate=16_000):
+    with h5py.File(path, 'w') as file:
+        file['SourcePosition'] = np.column_stack([azimuths_deg, np.zeros_like(azimuths_deg), np.ones_like(azimuths_deg)])
+        file['Data.IR'], file['Data.SamplingRate'] = responses, np.array([float(rate)])
+
+
+def ears_of_a_sphere(azimuths_deg):
+    """Pulses (n, 2, 64) at the ears of a sphere of 0.1 m: paths by Woodworth (1938), and the far ear is 10 dB quieter."""
+    responses = np.zeros((len(azimuths_deg), 2, 64))
+    for k, lateral in enumerate(np.arcsin(np.sin(np.radians(azimuths_deg)))):
+        late = 16_000 * 0.1 / C * 0.5 * (lateral + np.sin(lateral))
+        for ear, sign in enumerate((-1.0, 1.0)):
+            responses[k, ear] = np.sinc(np.arange(64) - 20.0 - sign * late) * (1.0 if sign * late <= 0.0 else 0.3)
+    return responses
+
+
+@pytest.mark.parametrize('fault', ['none', 'ears exchanged', 'azimuths clockwise'])
+def test_responses_of_any_head_are_read(tmp_path, fault):
+    """In the order that they were measured in, from the right on, as by others; what is exchanged is seen by what leads."""
+    azimuths = np.array([*np.arange(270.0, 360.0, 15.0), *np.arange(0.0, 91.0, 15.0)])
+    responses = ears_of_a_sphere(azimuths)
+    write_sofa(tmp_path / 'head.sofa', 360.0 - azimuths if fault == 'azimuths clockwise' else azimuths,
+               responses[:, ::-1] if fault == 'ears exchanged' else responses)
+    read = read_responses(tmp_path / 'head.sofa')
+    leads = np.argmax(np.abs(read.responses[:, 1]), axis=1) - np.argmax(np.abs(read.responses[:, 0]), axis=1)
+    assert np.all(np.diff(np.mod(read.azimuths, 2.0 * np.pi)) > 0.0)
+    assert np.all(leads * np.sign(np.round(np.sin(read.azimuths), 6)) >= 0.0)
+    assert leads[np.argmax(np.sin(read.azimuths))] > 5
+
+
+@pytest.mark.skipif(not CLIPS.is_dir(), reason=f'{CLIPS} is absent')
+def test_another_head_is_calibrated_and_tested(tmp_path, capsys):
+    """Pulses at a sphere are a head without reflections."""
+    azimuths = np.array([*np.arange(270.0, 360.0, 30.0), *np.arange(0.0, 91.0, 30.0)])
+    write_sofa(tmp_path / 'sphere.sofa', azimuths, ears_of_a_sphere(azimuths))
+    assert hearing.main(['heads', '--data', str(DATA), '--responses', str(tmp_path / 'sphere.sofa')]) == 0
+    assert 'sphere, ours: mean error' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('content', [b'', b'not hdf5', None])
+def test_what_is_no_sofa_file_is_refused_by_name(tmp_path, capsys, content):
+    if content is not None:
+        (tmp_path / 'head.sofa').write_bytes(content)
+    with pytest.raises(SystemExit):
+        hearing.main(['heads', '--responses', str(tmp_path / 'head.sofa')])
+    assert 'head.sofa' in capsys.readouterr().err
 
 
 def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):

@@ -10,15 +10,17 @@ from pathlib import Path
 from av_evaluation.figures import Sections, print_sections
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
+from av_evaluation.hearing.places import read_responses
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
-def sections(count: int, data: Path) -> Sections:
+def sections(count: int, data: Path, responses: Sequence[Path] = ()) -> Sections:
     """The figures by section.
 
     Parameters:
         count: windows per figure.
         data: folder with the recordings.
+        responses: see `rooms.heads`.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
@@ -31,7 +33,7 @@ def sections(count: int, data: Path) -> Sections:
         'square': partial(free_field.square, count),
         'several': partial(free_field.several, min(count, 100), sources),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
-        'kemar': partial(rooms.kemar, data),
+        'heads': partial(rooms.heads, data, responses),
         'wind': partial(wind_hiss.wind, min(count, 150), sources),
         'hiss': partial(wind_hiss.hiss, min(count, 100), sources),
         'ego_noise': partial(ego_noise, min(count, 100), sources),
@@ -46,5 +48,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'),
                         help='folder with drone_detection and kemar (default: %(default)s)')
+    parser.add_argument('--responses', type=Path, nargs='+', default=[], metavar='SOFA',
+                        help='heads: measured responses of another head instead of KEMAR; with a second file, such as the same '
+                             'head in a room, the first calibrates and the second tests')
     options = parser.parse_args(arguments)
-    return print_sections(parser, sections(options.trials, options.data), options.sections)
+    for file in options.responses:
+        try:
+            read_responses(file)
+        except (FileNotFoundError, ImportError, ValueError) as error:
+            parser.error(f'--responses: {error}')
+    return print_sections(parser, sections(options.trials, options.data, options.responses), options.sections)

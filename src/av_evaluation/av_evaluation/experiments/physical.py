@@ -21,6 +21,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_evaluation.hearing.places import (
+    KEMAR,
     PAIR,
     at_ears,
     calibrated_ears,
@@ -100,9 +101,10 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
     first, end = longest_take(truth)
     truth = truth[first:end]
     recording = load_clip(_recording(data, clip))
-    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    known = read_responses(data / KEMAR)
+    azimuths, responses, rate = known
     another = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
-    array = calibrated_ears(azimuths, responses, rate, [another[:2 * rate]])
+    array = calibrated_ears(known, [another[:2 * rate]])
     voice = signal.resample_poly(recording, rate // 300, RATE // 300)
     sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
     static, per_frame = StaticRig(array, estimators, detection_stage(model)), round(rate / VIDEO_HZ)

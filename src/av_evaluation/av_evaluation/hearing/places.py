@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -22,6 +22,7 @@ from av_evaluation.hearing.trials import C, Locate, Window
 OWN_NOISE = 10.0**(-50.0 / 20.0)    # of a microphone, relative to the sound
 GRID = math.radians(5.0)    # between measured directions of the ears
 HEAD_WINDOW_S = 0.5  # at the ears
+KEMAR = Path('kemar', 'mit_kemar_normal_pinna.sofa')
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')  # m; their delays are measured
 T60_S = (0.2, 0.7)  # of furnished to bare rooms
 SPACING_M = (0.1, 0.2)  # of pairs
@@ -59,19 +60,43 @@ def shoebox(size: NDArray, t60: float, largest_order: int = LARGEST_ORDER) -> An
     return room
 
 
-def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
-    """Horizontal responses of a SOFA file: azimuths (n,) in rad, responses (n, 2, taps), and their sample rate in Hz.
+class Responses(NamedTuple):
+    """Measured horizontal impulse responses of two ears.
 
-    Raises FileNotFoundError.
+    Parameters:
+        azimuths (n,): rad, counter-clockwise, by increasing positive angle.
+        responses (n, 2, taps): left and right ear.
+        rate: sample rate in Hz.
+    """
+
+    azimuths: NDArray
+    responses: NDArray
+    rate: int
+
+
+def read_responses(path: Path) -> Responses:
+    """The horizontal responses of a SOFA file of a head, in any order (AES69).
+
+    In some files the ears are exchanged or azimuths clockwise: the ear that is on the side of the sources hears them first.
+
+    Raises FileNotFoundError, ValueError for a file without responses of two ears at several azimuths.
     """
     import h5py
     if not path.is_file():
         raise FileNotFoundError(f'{path} does not exist')
-    with h5py.File(path) as file:
-        positions = file['SourcePosition'][:]
-        level = np.flatnonzero(np.abs(positions[:, 1]) < 0.1)
-        order = level[np.argsort(positions[level, 0])]
-        return np.radians(positions[order, 0]), file['Data.IR'][order], int(file['Data.SamplingRate'][0])
+    try:
+        with h5py.File(path) as file:
+            positions, impulses, rate = file['SourcePosition'][:], file['Data.IR'][:], int(file['Data.SamplingRate'][0])
+    except (OSError, KeyError) as error:
+        raise ValueError(f'{path} is no SOFA file of impulse responses: {error}') from error
+    level = np.flatnonzero(np.abs(positions[:, 1]) < 0.1)
+    if impulses.ndim != 3 or impulses.shape[1] != 2 or len(level) < 3:
+        raise ValueError(f'{path} has responses of shape {impulses.shape}, {len(level)} of them horizontal; expected two ears '
+                         'and several azimuths')
+    order = level[np.argsort(np.mod(positions[level, 0], 360.0))]
+    azimuths, responses = np.radians(positions[order, 0]), impulses[order]
+    arrivals = np.argmax(np.abs(responses), axis=2) @ [-1.0, 1.0]
+    return Responses(azimuths, responses if arrivals @ np.sin(azimuths) >= 0.0 else responses[:, ::-1], rate)
 
 
 def at_ears(sound: NDArray, response: Sequence[NDArray] | NDArray) -> NDArray:
@@ -100,21 +125,18 @@ def with_own_noise(sound: NDArray) -> NDArray:
     return (sound + noise).astype(sound.dtype)
 
 
-def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray],
-                    locate: Locate | None = None) -> MicrophoneArray:
+def calibrated_ears(known: Responses, sounds: Sequence[NDArray], locate: Locate | None = None) -> MicrophoneArray:
     """EARS, calibrated at every other azimuth.
 
     Parameters:
-        azimuths (n,) (rad): of the responses.
-        responses (n, 2, taps): of both ears.
-        rate (Hz): sample rate.
+        known: responses of both ears.
         sounds: sounds (m,) that are heard from each of the azimuths.
         locate: method whose directions are calibrated; None for the default.
     """
     angles, paths = list[float](), list[float]()
-    for azimuth, response in zip(azimuths[::2], responses[::2], strict=True):
+    for azimuth, response in zip(known.azimuths[::2], known.responses[::2], strict=True):
         for sound in sounds:
-            path = _paths(with_own_noise(at_ears(sound, response)), rate, locate)
+            path = _paths(with_own_noise(at_ears(sound, response)), known.rate, locate)
             paths.extend(path)
             angles.extend([azimuth] * len(path))
     return calibrate(EARS, angles, paths).array
@@ -230,9 +252,10 @@ class Head:
     """
 
     def __init__(self, data: Path) -> None:
-        self.azimuths, self.responses, self.rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+        known = read_responses(data / KEMAR)
+        self.azimuths, self.responses, self.rate = known
         noise = 0.05 * np.random.default_rng(1).normal(size=self.rate)
-        self.array = calibrated_ears(self.azimuths, self.responses, self.rate, [noise])
+        self.array = calibrated_ears(known, [noise])
 
     def field(self, sources: list[Source], reflections: bool) -> Field:
         """Windows of sound at the ears.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from av_audio.localizer import Localizer, LocalizerSettings
@@ -16,6 +17,7 @@ from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import PEERS
 from av_evaluation.hearing.places import (
     HEAD_WINDOW_S,
+    KEMAR,
     Field,
     Head,
     at_ears,
@@ -61,31 +63,43 @@ def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figur
         yield from _field_figures(f'{name}, {window_s:g} s, {snr_db:+.0f} dB', field, window_s, snr_db, count)
 
 
-def kemar(data: Path) -> Iterator[Figure]:
+def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
     """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest.
 
     Each method is calibrated by its own directions; mirror images are folded.
+
+    Parameters:
+        data: folder with recordings, and with the responses of KEMAR.
+        responses: SOFA files of another head instead of KEMAR. It is calibrated by the first and tested by the last one, such
+            as one of the same head in a room.
+
+    Raises FileNotFoundError, and ValueError for a file without responses of two ears.
     """
-    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
-    common = np.gcd(rate, RATE)
-    clips = [signal.resample_poly(load_clip(path), rate // common, RATE // common)
-             for path in sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))]
-    if not clips:
-        raise FileNotFoundError(f'no drone recordings in {data}')
-    truth = np.degrees(wrap(azimuths[1::2]))
-    heard = [(sound, azimuths[k]) for k in range(1, len(azimuths), 2) for clip in clips
-             for sound in windows_of(with_own_noise(at_ears(clip[5 * rate:7 * rate], responses[k])), rate)]
+    files = [Path(file) for file in responses] or [data / KEMAR]
+    known, tested = read_responses(files[0]), read_responses(files[-1])
+    clips, truth = _drone_clips(data, tested.rate), np.degrees(wrap(tested.azimuths[1::2]))
+    heard = [(sound, azimuth) for azimuth, response in zip(tested.azimuths[1::2], tested.responses[1::2], strict=True)
+             for clip in clips
+             for sound in windows_of(with_own_noise(at_ears(clip[5 * tested.rate:7 * tested.rate], response)), tested.rate)]
     for name, locate in {'ours': None, **PEERS}.items():
-        array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips], locate)
-        used = locate or ours(Localizer(array, rate, LocalizerSettings(hop_s=HEAD_WINDOW_S)))
-        errors = compare((Window(sound, rate, array, azimuth) for sound, azimuth in heard), {name: used})[name].error
-        limits = (1.5, 3.0) if locate is None else (None, None)
+        array = calibrated_ears(known, [clip[:2 * known.rate] for clip in _drone_clips(data, known.rate)], locate)
+        used = locate or ours(Localizer(array, tested.rate, LocalizerSettings(hop_s=HEAD_WINDOW_S)))
+        errors = compare((Window(sound, tested.rate, array, azimuth) for sound, azimuth in heard), {name: used})[name].error
+        limits, title = (1.5, 3.0) if locate is None else (None, None), f'{files[-1].stem}, {name}'
         ahead = errors.reshape(len(truth), -1)[np.abs(truth) <= 60.0]
-        yield Figure(f'KEMAR, {name}, |azimuth| <= 60 deg: mean error', ahead.mean(), 'deg', limits[0])
-        yield Figure(f'KEMAR, {name}: mean error', errors.mean(), 'deg', limits[1])
-        yield Figure(f'KEMAR, {name}: RMSE', rmse(errors), 'deg')
-        yield Figure(f'KEMAR, {name}: errors above 20 deg', share(errors > 20.0), '%')
-        yield Figure(f'KEMAR, {name}: largest error', errors.max(), 'deg')
+        yield Figure(f'{title}, |azimuth| <= 60 deg: mean error', ahead.mean(), 'deg', limits[0])
+        yield Figure(f'{title}: mean error', errors.mean(), 'deg', limits[1])
+        yield Figure(f'{title}: RMSE', rmse(errors), 'deg')
+        yield Figure(f'{title}: errors above 20 deg', share(errors > 20.0), '%')
+        yield Figure(f'{title}: largest error', errors.max(), 'deg')
+
+
+def _drone_clips(data: Path, rate: int) -> list[NDArray]:
+    """The drone recordings at a sample rate (Hz). Raises FileNotFoundError where there are none."""
+    files, common = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac')), np.gcd(rate, RATE)
+    if not files:
+        raise FileNotFoundError(f'no drone recordings in {data}')
+    return [signal.resample_poly(load_clip(file), rate // common, RATE // common) for file in files]
 
 
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
