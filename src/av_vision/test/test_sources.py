@@ -87,6 +87,18 @@ def test_images_of_any_depth_can_be_published(tmp_path, name, kind, channels):
     assert np.array_equal(received, counts[..., :min(channels, 3)].squeeze())
 
 
+def test_a_video_of_counts_keeps_all_their_bits(tmp_path):
+    """Raw counts of a thermal camera differ by hundreds of 65,536: in 8 bits two grey levels would be left."""
+    counts = np.random.default_rng(0).integers(7000, 7600, (5, 48, 64)).astype(np.uint16)
+    options = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    path = tmp_path / 'counts.mkv'
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*'FFV1'), 10.0, (64, 48), options)
+    for image in counts:
+        writer.write(image)
+    writer.release()
+    assert np.array_equal([frame.image for frame in Recording(path).frames()], counts)
+
+
 def claims(suffix):
     """A file that claims 16000x16000 pixels."""
     if suffix == '.pgm':

@@ -26,6 +26,7 @@ IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.t
 MOST_BYTES = 1000 * MEGABYTE
 _PGM = re.compile(rb'P[25](?:\s+|#[^\n]*\n)+(\d{1,9})(?:\s+|#[^\n]*\n)+(\d{1,9})\s')
 _WIDTH, _HEIGHT = 256, 257    # tags of TIFF
+_COUNTS = int.from_bytes(b'Y1\0\x10', 'little')    # FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told
 
 
 def read_image(path: Path) -> NDArray:
@@ -211,6 +212,8 @@ class Recording:
         video = cv2.VideoCapture(str(self.path))
         if not video.isOpened():
             raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
+        if int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) == _COUNTS:
+            video.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
         width, height = (int(video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MOST_PIXELS:
             raise SourceError(f'{self.path} has images of {width}x{height} pixels, expected at most {MOST_PIXELS} pixels')
