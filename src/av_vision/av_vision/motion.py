@@ -124,7 +124,8 @@ class Path:
 
     @property
     def _short(self) -> bool:
-        return len(self._points) < LEAST_POINTS or self._points[-1][0] - self._points[0][0] < LEAST_S
+        times = {time for time, _, _ in self._points}    # stamps of whole seconds, for example, repeat
+        return len(times) < LEAST_POINTS or self._points[-1][0] - self._points[0][0] < LEAST_S
 
     def _track(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times (n,) in s from 0 on and centres (n, 2) in pixels."""

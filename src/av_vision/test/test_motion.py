@@ -50,6 +50,14 @@ def test_hovering_and_short_paths_are_not_judged(path):
     assert MODEL.log_odds(path) == 0.0
 
 
+def test_images_of_few_different_times_are_not_judged():
+    """Stamps of whole seconds: two times have no acceleration."""
+    path = Path()
+    for k in range(30):
+        path.add(7.0 + k // 15, START + k, SIZE)
+    assert MODEL.log_odds(path) == 0.0
+
+
 def test_a_known_rotation_of_the_camera_does_not_bend_the_path():
     turned, straight = Path(), flown((1.0, 0.0), (0.0, 0.0))
     shift = np.zeros(2)
