@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
-from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance
+from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance, throttles
 from av_audio.spectra import TINY
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
 from av_common.microphone_array import PLACED_M, MicrophoneArray
@@ -22,8 +22,8 @@ CLUSTER_HZ = 250.0  # between clusters of bands of this width errors are indepen
 LOADING = 0.03
 GRID_POINTS_PER_PERIOD = 4.0  # of the highest band: neighbours differ by 90 deg of phase between the outermost microphones
 REFINEMENTS = 5  # of a maximum on the grid, by the best of its neighbours, each with half of the step
-# Least standard deviation of the significance of noise, of which a recording has few windows.
-LEAST_SPREAD = 0.3
+# Least standard deviation of the heights of noise over their mean, of which a recording has few windows.
+LEAST_SPREAD = 0.1
 
 
 class Method(NamedTuple):
@@ -59,7 +59,7 @@ BAND_METHODS: dict[str, Method] = {
     # bounds what a band counts; in own tests both were within their spread.
     'ml': Method(_inverse, lambda form, power: 1.0 / form),
     'phat': Method(_same, lambda form, power: form, even=True),  # Knapp and Carter, 1976
-    'plain': Method(_same, lambda form, power: power * form),
+    'plain': Method(_same, lambda form, power: power / power.mean() * form),
     'music': Method(_strongest, lambda form, power: form),  # Schmidt, 1986
     'mvdr': Method(_inverse, lambda form, power: 1.0 / form),  # Capon, 1969
 }
@@ -125,14 +125,17 @@ class BandSearch:
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
         if not windows:
             return
-        middle, rises = len(windows) // 2, []
-        for known, other in ((windows[:middle], windows[middle:]), (windows[middle:], windows[:middle])) if middle > 1 else ():
-            self._noise = EgoNoise(known)
+        throttle, rises = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows])), []
+        of_one = [throttle == one for one in np.unique(throttle)]
+        late = np.any([these & (np.cumsum(these) > 0.5 * np.sum(these)) for these in of_one], axis=0)  # half of each throttle
+        for other in (late, ~late) if np.sum(~late) > 1 else ():
+            self._noise = EgoNoise([windows[k] for k in np.flatnonzero(~other)])
             self._use(self._noise.vectors)
-            rises += [_rise(self._window(bands).values) for bands in other]
+            rises += [_rise(self._window(windows[k]).values) for k in np.flatnonzero(other)]
         if rises:
-            found = [_significance(rise[:, int(np.argmax(rise.sum(axis=0)))]) for rise in rises]
-            self._alone = float(np.mean(found)), max(float(np.std(found)), LEAST_SPREAD)
+            found = [float(rise.sum(axis=0).max()) for rise in rises]
+            mean = float(np.mean(found))
+            self._alone = mean, max(float(np.std(found)), LEAST_SPREAD * mean, TINY)
         self._noise = EgoNoise(windows)
         self._use(self._noise.vectors)
 
@@ -140,17 +143,18 @@ class BandSearch:
         self._vectors = vectors
         self._steering = [self._steered(self.grid, each) for each in vectors]
 
-    def probability(self, significance: float) -> float:
-        """Probability that a peak stems from a source, by its significance.
+    def probability(self, peak: Peak) -> float:
+        """Probability that a peak stems from a source.
 
-        Peaks of the rig alone have an extreme-value distribution, whose moments are those of the recording. The p-value under
-        it bounds the odds of the rig alone from below by -e p ln p (Sellke, Bayarri and Berger, 2001).
+        Heights of the rig alone have an extreme-value distribution, whose moments are those of the recording. The p-value under
+        it bounds the odds of the rig alone from below by -e p ln p (Sellke, Bayarri and Berger, 2001). The significance would
+        not tell: rotors of which one becomes louder raise all bands a little, so that these agree as if by a source.
         """
         if self._alone is None:
-            return is_source(significance)
+            return is_source(peak.significance)
         mean, deviation = self._alone
         scale = deviation * math.sqrt(6.0) / math.pi
-        beyond = math.exp(-(significance - mean) / scale - np.euler_gamma)
+        beyond = math.exp(min(-(peak.height - mean) / scale - np.euler_gamma, 700.0))
         p = -math.expm1(-beyond)
         return 1.0 / (1.0 - math.e * p * math.log(p)) if 0.0 < p < 1.0 / math.e else 0.5 if p else 1.0
 
@@ -169,7 +173,7 @@ class BandSearch:
             tops = (gain >= gain[self._neighbours].max(axis=1)) & np.all(
                 [np.linalg.norm(self.grid - peak.q, axis=1) > 2.0 * self._step for peak in found], axis=0)
             peak = self._peak(window, explained, tops) if tops.any() else None
-            if peak is None or self.probability(peak.significance) < 0.5:
+            if peak is None or self.probability(peak) < 0.5:
                 break
             found.append(peak)
         return found
@@ -245,7 +249,7 @@ class BandSearch:
         outside = np.linalg.norm(self.grid - q, axis=1) > max(lobe, self._step)
         weights = self._cell * np.exp(np.minimum(scale * (total - total[best]), 0.0)) * outside
         covariance, share = with_other_lobes(q, axes.T @ (spread + self._placed * np.eye(len(axes))) @ axes, self.grid, weights)
-        return Peak(q, covariance, np.zeros((len(q), len(q))), significance, share)
+        return Peak(q, covariance, np.zeros((len(q), len(q))), significance, share, float(rise.sum()))
 
 
 def _gain(values: NDArray, explained: NDArray) -> NDArray:

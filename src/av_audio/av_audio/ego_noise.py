@@ -92,8 +92,7 @@ class EgoNoise:
 
     def __init__(self, windows: Iterable[NDArray]) -> None:
         covariances = np.stack([covariance(window) for window in windows])  # (w, b, m, m)
-        levels_db = 10.0 * np.log10(np.einsum('wbii->w', covariances).real + np.finfo(float).tiny)
-        group = np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB)
+        group = throttles(np.einsum('wbii->w', covariances).real)
         table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
         values, self.vectors = np.linalg.eigh(table)  # (s, b, m), (s, b, m, m)
         power = np.maximum(values.mean(axis=-1), TINY)
@@ -116,6 +115,12 @@ class EgoNoise:
         """Matrices (b, m, m) that whiten a window with covariances (b, m, m)."""
         throttle, gains = self.likeliest(covariances)
         return gains[..., None] * self.vectors[throttle].conj().swapaxes(-1, -2)
+
+
+def throttles(powers: NDArray) -> NDArray:
+    """Numbers (w,) of the throttles at which windows with powers (w,) were recorded."""
+    levels_db = 10.0 * np.log10(powers + np.finfo(float).tiny)
+    return np.asarray(np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB))
 
 
 def covariance(bands: NDArray) -> NDArray:

@@ -29,8 +29,8 @@ class Estimator(Protocol):
     def peaks(self, spectra: NDArray, most: int) -> list[Peak]:
         """Peaks of up to `most` sources for spectra (m, k), the strongest first."""
 
-    def probability(self, significance: float) -> float:
-        """Probability that a peak of this significance stems from a source."""
+    def probability(self, peak: Peak) -> float:
+        """Probability that a peak stems from a source."""
 
 
 class PhaseEstimator:
@@ -50,9 +50,9 @@ class PhaseEstimator:
         return self._further.beside(spectra, peak, most) if most > 1 else [peak]
 
     @staticmethod
-    def probability(significance: float) -> float:
+    def probability(peak: Peak) -> float:
         """See Estimator."""
-        return is_source(significance)
+        return is_source(peak.significance)
 
 
 def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window: int, band_hz: tuple[float, float],

@@ -115,11 +115,11 @@ def test_localize_takes_a_file_of_the_rig_alone(recording, tmp_path, capsys):
         localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--ego-noise', 'missing.wav'])
 
 
-def flown(array, level_db, windows=24, recorded=(1.0,), throttle=1.0, method='ml', seed=11):
+def flown(array, level_db, windows=24, recorded=(1.0,), throttle=1.0, method='ml', seed=11, rotors=FlyingRig):
     """Errors (n,) in degrees and confidences (n,) of three rigs that fly, with recordings of 6 s for each throttle."""
     rng, errors, confidences = np.random.default_rng(seed), [], []
     for _ in range(3):
-        rig = FlyingRig(array, rng)
+        rig = rotors(array, rng)
         alone = np.concatenate([rig.alone(rng, 6.0, step)[0] for step in recorded]).astype(np.float32)
         settings = LocalizerSettings(hop_s=0.5, method=method)
         localizer = Localizer(array, FLYING_RATE, settings, NoiseRecording(alone, FLYING_RATE))
@@ -161,3 +161,27 @@ def test_a_recording_without_other_noise_leaves_the_confidence():
     """Few rotors, and more microphones than rotors: what whitening adds to the covariance is added to what judges it, too."""
     _, confidences = flown(RING, 10.0)
     assert np.mean(confidences > 0.9) > 0.9
+
+
+class HissingRig(FlyingRig):
+    """Propellers as recorded on a bench: lines have a tenth of the power, and the level of each rotor varies by 1 dB."""
+
+    def alone(self, rng, seconds, throttle=1.0):
+        self.hiss = np.full(4, 3.0)
+        parts = []
+        for _ in range(max(1, round(seconds))):
+            self.gains = 10.0 ** (rng.normal(size=4) / 20.0)
+            parts.append(super().alone(rng, min(seconds, 1.0), throttle))
+        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+
+
+def test_rotors_that_hiss_and_vary_leave_the_confidence():
+    """What whitening leaves of them raises all bands a little, and a target raises them far more."""
+    errors, confidences = flown(RING, 15.0, rotors=HissingRig)
+    assert np.max(errors) < 5.0
+    assert np.mean(confidences > 0.9) > 0.9
+
+
+def test_the_varying_rig_alone_is_no_source():
+    _, confidences = flown(RING, 70.0, rotors=HissingRig)
+    assert np.mean(confidences > 0.9) < 0.1
