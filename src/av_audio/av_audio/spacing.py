@@ -57,8 +57,9 @@ class SpacingCheck:
         """Take the next samples (n, channels)."""
         self._waiting = np.concatenate([self._waiting, samples])
         while len(self._waiting) >= self._window:
-            self._judge(self._waiting[:self._window])
-            self._waiting = self._waiting[self._window:]
+            window, self._waiting = self._waiting[:self._window], self._waiting[self._window:]
+            if np.isfinite(window).all():
+                self._judge(window)
 
     def problem(self) -> str:
         """What contradicts the file, and the likely mistake; empty where nothing does."""

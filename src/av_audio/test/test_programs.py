@@ -81,6 +81,7 @@ def test_localize_names_what_does_not_fit(from_30_degrees, array_file, tmp_path)
         localize.main([str(tmp_path / 'text.wav'), '--array', str(array_file)])
 
 
+@pytest.mark.filterwarnings('error')
 def test_localize_continues_after_samples_that_are_not_finite(from_30_degrees, array_file, tmp_path, capsys):
     samples, _ = soundfile.read(from_30_degrees)
     samples[30_000:30_010] = np.nan
