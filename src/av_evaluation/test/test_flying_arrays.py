@@ -45,8 +45,13 @@ def shares(capsys):
     return {line[:66].strip(): float(line.split()[-2]) for line in lines}
 
 
-def test_flights_of_dregon(tmp_path, capsys):
-    """Truth in a frame that is turned by 180 degrees, on a clock that began elsewhere; half of the flight is not tracked."""
+@pytest.mark.parametrize('alone', ['DREGON_hovering_nosource_room1/DREGON_hovering_nosource_room1',
+                                   'DREGON_individual_motors_recordings/DREGON_individual_motors_recordings/allMotors_70'])
+def test_flights_of_dregon(tmp_path, capsys, alone):
+    """Truth in a frame that is turned by 180 degrees, on a clock that began elsewhere; half of the flight is not tracked.
+
+    The archive of the motors has unpacked into a folder of its own name.
+    """
     rng, begin = np.random.default_rng(1), 1.5e9
     np.savetxt(tmp_path / 'micPos.txt', CUBE)
     azimuths = [-150.0, -40.0, 70.0, 160.0]
@@ -58,7 +63,7 @@ def test_flights_of_dregon(tmp_path, capsys):
     truth = np.repeat(azimuths, 100)[:len(stamps)]
     savemat(f'{stem}_sourcepos.mat', {'source_position': {
         'timestamps': begin + stamps, 'azimuth': truth, 'elevation': np.full(len(stamps), -30.0)}})
-    write(tmp_path / 'DREGON_hovering_nosource_room1' / 'DREGON_hovering_nosource_room1.wav', drone(rng, 6.0))
+    write(tmp_path / f'{alone}.wav', drone(rng, 6.0))
     assert flying_arrays.main([str(tmp_path), '--turn', '180']) == 0
     found = shares(capsys)
     assert found['recording of the drone alone, ours: within 10 deg'] > 90.0

@@ -1,6 +1,7 @@
 """Public recordings of arrays on flying drones: DREGON, and the data of the IEEE Signal Processing Cup 2019.
 
-Both have eight microphones on one quadrotor at 44.1 kHz, and a loudspeaker's direction in the array's frame. Their layouts:
+Both have eight microphones on one quadrotor at 44.1 kHz, and a loudspeaker's direction in the array's frame. Their layouts, at
+any depth, as archives often unpack into a folder of their own name:
 
     micPos.txt or coordinates.mat          positions (8, 3) in m (`micPos`)
     DREGON_NAME/DREGON_NAME.wav            sound, with
@@ -9,7 +10,7 @@ Both have eight microphones on one quadrotor at 44.1 kHz, and a loudspeaker's di
     DREGON_*nosource*/DREGON_*.wav         the drone alone
     dev_static/audio/1.wav ...             with SPCUP19_dev_static.mat: `static_azimuth`, `static_elevation` (files, 1) in deg
     dev_flight/audio/1.wav ...             with SPCUP19_dev_flight.mat: `flight_azimuth`, ... (files, frames), every 0.25 s
-    individual_motors_recordings/allMotors_*.wav   the drone alone
+    [DREGON_]individual_motors_recordings/allMotors_*.wav   the drone alone
 
 Strauss, Mordel, Miguet, Deleforge: DREGON: dataset and methods for UAV-embedded sound source localization, IROS 2018;
 Deleforge, Di Carlo, Strauss, Serizel, Marcenaro: Audio-based search and rescue with a drone, IEEE Signal Processing Magazine
@@ -59,10 +60,10 @@ class Frame(NamedTuple):
 
 def read_array(folder: Path) -> MicrophoneArray:
     """The microphones. Raises FileNotFoundError, or ValueError for positions of another shape."""
-    text, matlab = folder / 'micPos.txt', folder / 'coordinates.mat'
-    if text.is_file():
+    text, matlab = (next(iter(sorted(folder.rglob(name))), None) for name in ('micPos.txt', 'coordinates.mat'))
+    if text is not None:
         positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
-    elif matlab.is_file():
+    elif matlab is not None:
         positions = np.asarray(loadmat(matlab)['micPos'], float)
     else:
         raise FileNotFoundError(f'{folder} has neither micPos.txt nor coordinates.mat, with the positions of the microphones')
@@ -73,9 +74,9 @@ def read_array(folder: Path) -> MicrophoneArray:
 
 def read_frames(folder: Path) -> Iterator[Frame]:
     """All frames whose direction is known. Raises OSError or ValueError that names a file."""
-    for truth in sorted(folder.glob('*/SPCUP19_*.mat')):
+    for truth in sorted(folder.rglob('SPCUP19_*.mat')):
         yield from _competition(truth)
-    for sound in sorted(folder.glob('DREGON_*/DREGON_*.wav')):
+    for sound in sorted(folder.rglob('DREGON_*.wav')):
         truth = sound.with_name(f'{sound.stem}_sourcepos.mat')
         if truth.is_file():
             yield from _dregon(sound, truth)
@@ -83,7 +84,7 @@ def read_frames(folder: Path) -> Iterator[Frame]:
 
 def read_alone(folder: Path) -> NoiseRecording | None:
     """The drone without loudspeaker, None where there is no such file."""
-    files = sorted([*folder.glob('DREGON_*nosource*/*.wav'), *folder.glob('individual_motors_recordings/allMotors_*.wav')])
+    files = sorted([*folder.rglob('DREGON_*nosource*.wav'), *folder.rglob('allMotors_*.wav')])
     if not files:
         return None
     sounds = [read_sound(file) for file in files]
