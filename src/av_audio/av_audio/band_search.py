@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
 from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance, throttles
+from av_audio.ego_peaks import EgoPeaks
 from av_audio.spectra import TINY
-from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
+from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, with_other_lobes
 from av_common.microphone_array import PLACED_M, MicrophoneArray
 
 CLUSTER_HZ = 250.0  # between clusters of bands of this width errors are independent
@@ -22,8 +24,6 @@ CLUSTER_HZ = 250.0  # between clusters of bands of this width errors are indepen
 LOADING = 0.03
 GRID_POINTS_PER_PERIOD = 4.0  # of the highest band: neighbours differ by 90 deg of phase between the outermost microphones
 REFINEMENTS = 5  # of a maximum on the grid, by the best of its neighbours, each with half of the step
-# Least standard deviation of the heights of noise over their mean, of which a recording has few windows.
-LEAST_SPREAD = 0.1
 
 
 class Method(NamedTuple):
@@ -111,6 +111,7 @@ class BandSearch:
         # phase per unit of q (b, m, rank): nearer microphones are ahead
         self._phase = 2.0 * np.pi * centres[..., None] * (array.positions @ array.basis) / speed_of_sound
         self._step = speed_of_sound / (GRID_POINTS_PER_PERIOD * float(centres[-1, 0]) * array.aperture)
+        self._apart = 2.0 * self._step  # peaks that are closer are at one place
         self.grid = direction_grid(array.rank, 1.0 / self._step)
         self._cell = (2.0 * MARGIN, np.pi * MARGIN**2, 4.0 * np.pi)[array.rank - 1] / len(self.grid)
         _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
@@ -121,42 +122,26 @@ class BandSearch:
     def _listen(self, windows: list[NDArray]) -> None:
         """Learn the rig's own noise from windows (b, m, n), and what its peaks are like after whitening by other windows."""
         self._noise: EgoNoise | None = None
-        self._alone: tuple[float, float] | None = None
+        self._alone: list[EgoPeaks] = []  # the highest in each window, and the next
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
         if not windows:
             return
-        throttle, rises = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows])), []
+        throttle, found = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows])), []
         of_one = [throttle == one for one in np.unique(throttle)]
         late = np.any([these & (np.cumsum(these) > 0.5 * np.sum(these)) for these in of_one], axis=0)  # half of each throttle
         for other in (late, ~late) if np.sum(~late) > 1 else ():
             self._noise = EgoNoise([windows[k] for k in np.flatnonzero(~other)])
             self._use(self._noise.vectors)
-            rises += [_rise(self._window(windows[k]).values) for k in np.flatnonzero(other)]
-        if rises:
-            found = [float(rise.sum(axis=0).max()) for rise in rises]
-            mean = float(np.mean(found))
-            self._alone = mean, max(float(np.std(found)), LEAST_SPREAD * mean, TINY)
+            found += [self._two_highest(self._window(windows[k])) for k in np.flatnonzero(other)]
+        for peaks in zip(*found, strict=True):
+            heights, places = zip(*peaks, strict=True)
+            self._alone.append(EgoPeaks.of(heights, self.grid[list(places)], self.grid, self._apart))
         self._noise = EgoNoise(windows)
         self._use(self._noise.vectors)
 
     def _use(self, vectors: NDArray) -> None:
         self._vectors = vectors
         self._steering = [self._steered(self.grid, each) for each in vectors]
-
-    def probability(self, peak: Peak) -> float:
-        """Probability that a peak stems from a source.
-
-        Heights of the rig alone have an extreme-value distribution, whose moments are those of the recording. The p-value under
-        it bounds the odds of the rig alone from below by -e p ln p (Sellke, Bayarri and Berger, 2001). The significance would
-        not tell: rotors of which one becomes louder raise all bands a little, so that these agree as if by a source.
-        """
-        if self._alone is None:
-            return is_source(peak.significance)
-        mean, deviation = self._alone
-        scale = deviation * math.sqrt(6.0) / math.pi
-        beyond = math.exp(min(-(peak.height - mean) / scale - np.euler_gamma, 700.0))
-        p = -math.expm1(-beyond)
-        return 1.0 / (1.0 - math.e * p * math.log(p)) if 0.0 < p < 1.0 / math.e else 0.5 if p else 1.0
 
     def peaks(self, spectra: NDArray, most: int) -> list[Peak]:
         """The highest peak for spectra (m, k), then further sources: each band has the sound of one of them.
@@ -166,17 +151,43 @@ class BandSearch:
             most: largest number of peaks.
         """
         window = self._window(self._bands(spectra))
-        found = [self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool))]
+        found = [self._judged(self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool)), 0)]
         while len(found) < most and found[0].significance > 0.0:
             explained = np.max([self._at(window, peak.q[None])[:, 0] for peak in found], axis=0)
-            gain = _gain(window.values, explained).sum(axis=0)
-            tops = (gain >= gain[self._neighbours].max(axis=1)) & np.all(
-                [np.linalg.norm(self.grid - peak.q, axis=1) > 2.0 * self._step for peak in found], axis=0)
-            peak = self._peak(window, explained, tops) if tops.any() else None
-            if peak is None or self.probability(peak) < 0.5:
+            tops = self._tops(window, explained, [peak.q for peak in found])
+            peak = self._judged(self._peak(window, explained, tops), 1) if tops.any() else None
+            if peak is None or peak.source_probability < 0.5:
                 break
             found.append(peak)
         return found
+
+    def _judged(self, peak: Peak, order: int) -> Peak:
+        """A peak with its probability to stem from a source, where peaks of the rig alone of this order are known.
+
+        The significance would not tell: rotors of which one becomes louder raise all bands a little, so that these agree as if
+        by a source.
+        """
+        return replace(peak, over_alone=self._alone[order].is_source(peak.height, peak.q)) if self._alone else peak
+
+    def _tops(self, window: _Window, explained: NDArray, found: list[NDArray]) -> NDArray:
+        """Points (g,) of the grid at which there may be a further source: tops of what adds to those `found` (rank,).
+
+        Parameters:
+            window: the window.
+            explained (b,): values that bands have at these.
+            found: where they are.
+        """
+        gain = _gain(window.values, explained).sum(axis=0)
+        return (gain >= gain[self._neighbours].max(axis=1)) & np.all(
+            [np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
+
+    def _two_highest(self, window: _Window) -> list[tuple[float, int]]:
+        """Height of the highest peak and its place on the grid, and of the next: only what adds to the highest."""
+        first = int(np.argmax(window.values.sum(axis=0)))
+        gain = _gain(window.values, window.values[:, first])
+        tops = self._tops(window, window.values[:, first], [self.grid[first]])
+        second = int(np.argmax(np.where(tops, gain.sum(axis=0), -np.inf)))
+        return [(float(_rise(values)[:, place].sum()), place) for values, place in ((window.values, first), (gain, second))]
 
     def _bands(self, spectra: NDArray) -> NDArray:
         """Spectra (b, m, n) of n bins in each band, from spectra (m, k)."""

@@ -13,7 +13,7 @@ from av_audio.correlation import Correlation
 from av_audio.ego_noise import NoiseRecording
 from av_audio.further_sources import FurtherSources
 from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ, SpectrumAnalyzer
-from av_audio.steered_response import Peak, is_source
+from av_audio.steered_response import Peak
 from av_audio.weighting import phat, plain
 from av_common.microphone_array import MicrophoneArray
 
@@ -28,9 +28,6 @@ class Estimator(Protocol):
 
     def peaks(self, spectra: NDArray, most: int) -> list[Peak]:
         """Peaks of up to `most` sources for spectra (m, k), the strongest first."""
-
-    def probability(self, peak: Peak) -> float:
-        """Probability that a peak stems from a source."""
 
 
 class PhaseEstimator:
@@ -48,11 +45,6 @@ class PhaseEstimator:
         """See Estimator."""
         peak = self._strongest.estimate(spectra)
         return self._further.beside(spectra, peak, most) if most > 1 else [peak]
-
-    @staticmethod
-    def probability(peak: Peak) -> float:
-        """See Estimator."""
-        return is_source(peak.significance)
 
 
 def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window: int, band_hz: tuple[float, float],

@@ -256,7 +256,6 @@ class Localizer:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
             self.without_phases += 1
             return 0.0
-        source = self._estimator.probability(peak)
         full = FULL_SCALE <= max(float(window.max()), -float(window.min())) <= 1.0
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if full else 0.0
-        return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+        return float(peak.source_probability * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))

@@ -44,6 +44,7 @@ class Peak:
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
         reflected: power of what is reflected, over that of what arrives directly; 0 where unknown.
+        over_alone: probability that it stems from a source, where peaks of the rig alone are known; else None.
     """
 
     q: NDArray
@@ -53,6 +54,12 @@ class Peak:
     main_share: float
     height: float = 0.0
     reflected: float = 0.0
+    over_alone: float | None = None
+
+    @property
+    def source_probability(self) -> float:
+        """Probability that it stems from a source."""
+        return is_source(self.significance) if self.over_alone is None else self.over_alone
 
 
 class SteeredResponse:

@@ -13,6 +13,7 @@ from known_sound import RATE as FLYING_RATE
 
 from av_audio.cli import localize
 from av_audio.ego_noise import NoiseRecording
+from av_audio.ego_peaks import odds_of
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
@@ -185,3 +186,24 @@ def test_rotors_that_hiss_and_vary_leave_the_confidence():
 def test_the_varying_rig_alone_is_no_source():
     _, confidences = flown(RING, 70.0, rotors=HissingRig)
     assert np.mean(confidences > 0.9) < 0.1
+
+
+@pytest.mark.parametrize(('array', 'rigs'), [(WIDE_PAIR, 3), (RING, 1)], ids=['pair', 'ring'])
+def test_a_rig_alone_hears_hardly_anything(array, rigs):
+    """What whitening leaves of own noise has its own places: neither the highest peak there nor the next one is a source."""
+    rng, strongest, further = np.random.default_rng(12), [], []
+    for _ in range(rigs):
+        rig = FlyingRig(array, rng)
+        recording = NoiseRecording(rig.alone(rng, 10.0)[0].astype(np.float32), FLYING_RATE)
+        estimates = Localizer(array, FLYING_RATE, LocalizerSettings(hop_s=0.5), recording).process(rig.alone(rng, 15.0)[0], 0)
+        strongest += [max(estimate.confidence) for estimate in estimates]
+        further += [max(one.confidence) for estimate in estimates for one in estimate.further]
+    assert np.mean(np.array(strongest) > 0.3) < 0.15
+    assert np.sum(np.array(further) > 0.3) < 0.15 * len(strongest)
+
+
+@pytest.mark.parametrize('p', [1.0, 0.999, 0.7, 0.1, 1e-3, 1e-9, 0.0])
+def test_odds_of_a_peak_are_the_mean_over_sources(p):
+    """Of densities x p^(x - 1), by numbers; without a limit where p is 0."""
+    x = (np.arange(100_000) + 0.5) / 100_000
+    assert odds_of(p) == pytest.approx(np.mean(x * max(p, 1e-30) ** (x - 1.0)), rel=1e-2) if p else odds_of(p) > 1e9
