@@ -123,6 +123,13 @@ def test_clear_images_without_it_tell_that_it_is_behind(contract, azimuth):
              at_most('declared wrong', float(sum(map(sum, map(declared, rigs)))), 0))
 
 
+def test_images_of_a_detector_that_misses_one_drone_in_ten_do_not_tell_the_side(contract):
+    """It states 0.9 in clear air; a drone that it misses, it misses in each image: odds of 10 to 1 at most."""
+    rig = FormulaRig([Source.at(160.0)], visibility=lambda t: 0.9, seed=1).run(10.0)
+    contract(at_least('probability of the back at last', 1.0 - rig.moments[-1].state.front_probability, 0.8))
+    assert not any(moment.bearing.resolved for moment in rig.moments)
+
+
 @pytest.mark.parametrize(('name', 'visibility'), [('dense fog', lambda t: 0.0), ('unknown', None)])
 def test_images_that_show_nothing_in_fog_tell_nothing(contract, name, visibility):
     rig = FormulaRig([Source.at(160.0)], visibility=visibility, seed=1).run(6.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,9 @@ BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells
 REGIONS = 2          # of an image, where the processor's speed does not decide
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
+# Of drones in clear view, those that are found within 2 s: in 90 pieces of clips that the detector was not trained on 85 (new
+# places) and 92 % (known ones). More images of the same drone do not help.
+FOUND = 0.9
 SAMPLED = 16    # of so many rows one is compared first
 TURNED = math.radians(3.0)  # of a camera, after which no image is as before; attitudes have smaller errors
 LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
@@ -79,7 +83,8 @@ class VisibilityReporter:
         self._next = time + PERIOD_S
         level = FLU_TO_OPTICAL.T if rotation is None else rotation
         distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
-        return visibilities.estimate(image, distance, self._target_distance)
+        left = visibilities.estimate(image, distance, self._target_distance)
+        return replace(left, share=FOUND * left.share)
 
     def reset(self) -> None:
         """Estimate visibility in the next image, and discard the last depth image."""
