@@ -60,7 +60,7 @@ class Frame(NamedTuple):
 
 def read_array(folder: Path) -> MicrophoneArray:
     """The microphones. Raises FileNotFoundError, or ValueError for positions of another shape."""
-    text, matlab = (next(iter(sorted(folder.rglob(name))), None) for name in ('micPos.txt', 'coordinates.mat'))
+    text, matlab = (min(folder.rglob(name), default=None) for name in ('micPos.txt', 'coordinates.mat'))
     if text is not None:
         positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
     elif matlab is not None:

@@ -75,14 +75,15 @@ def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
 
     Raises FileNotFoundError, and ValueError for a file without responses of two ears.
     """
-    files = [Path(file) for file in responses] or [data / KEMAR]
+    files = list(responses) or [data / KEMAR]
     known, tested = read_responses(files[0]), read_responses(files[-1])
+    teaching = [clip[:2 * known.rate] for clip in _drone_clips(data, known.rate)]
     clips, truth = _drone_clips(data, tested.rate), np.degrees(wrap(tested.azimuths[1::2]))
     heard = [(sound, azimuth) for azimuth, response in zip(tested.azimuths[1::2], tested.responses[1::2], strict=True)
              for clip in clips
              for sound in windows_of(with_own_noise(at_ears(clip[5 * tested.rate:7 * tested.rate], response)), tested.rate)]
     for name, locate in {'ours': None, **PEERS}.items():
-        array = calibrated_ears(known, [clip[:2 * known.rate] for clip in _drone_clips(data, known.rate)], locate)
+        array = calibrated_ears(known, teaching, locate)
         used = locate or ours(Localizer(array, tested.rate, LocalizerSettings(hop_s=HEAD_WINDOW_S)))
         errors = compare((Window(sound, tested.rate, array, azimuth) for sound, azimuth in heard), {name: used})[name].error
         limits, title = (1.5, 3.0) if locate is None else (None, None), f'{files[-1].stem}, {name}'
