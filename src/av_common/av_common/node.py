@@ -17,6 +17,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from lifecycle_msgs.msg import State
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -26,13 +27,18 @@ from rclpy.exceptions import (
 )
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
+from tf2_msgs.msg import TFMessage
 
+from av_common.body_odometry import TF_WAIT_S, BodyOdometry, FixedFrames
+from av_common.frames import BASE_FRAME
 from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
 from av_common.parameter_node import ParameterNode
 from av_common.publishers import PERIOD_S, Publishers
+from av_common.qos import FRAMES, STREAM
 from av_common.refused_inputs import STRICT_VARIABLE
 
 try:  # uses a third of the processor time of SingleThreadedExecutor at the rates of the rig
@@ -40,7 +46,7 @@ try:  # uses a third of the processor time of SingleThreadedExecutor at the rate
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ('EXPECTED_ERRORS', 'Executor', 'RigNode', 'run')
+__all__ = ('EXPECTED_ERRORS', 'Executor', 'RigNode', 'TfOdometry', 'run')
 RETRY_S = 2.0  # between attempts to configure and activate
 FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
@@ -48,6 +54,23 @@ TOLD_S = 60.0  # after its start for which a process warns that it replaces one 
 PAUSE_S = 0.01  # between errors of the middleware, so that a lasting one leaves the processor to others
 # Errors at start-up that may disappear until the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
+
+
+class TfOdometry(BodyOdometry):
+    """By the `tf_static` of a node; odometry of a frame that is not known there is refused for TF_WAIT_S.
+
+    Parameters:
+        node: subscribes.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._frames = FixedFrames()
+        super().__init__(self._frames.rotation, TF_WAIT_S)
+        node.create_subscription(TFMessage, 'tf_static', self._learn, FRAMES)
+
+    def _learn(self, message: TFMessage) -> None:
+        self._frames.learn(message.transforms)
+        self.forget()
 
 
 class RigNode(ParameterNode):
@@ -81,6 +104,7 @@ class RigNode(ParameterNode):
         self._problem = ''
         self._active = False
         self.contested: Mapping[str, list[str]] = {}
+        self._odometry: BodyOdometry | None = None
         self._unowned: set[Any] = set()  # entities that exist while unconfigured
         self._configured: set[Any] = set()  # and those while inactive
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
@@ -132,6 +156,17 @@ class RigNode(ParameterNode):
 
         self.contested = {}
         self._steady_timer(PERIOD_S, look_for_publishers)
+
+    def subscribe_odometry(self, take: Callable[[Odometry], Any]) -> None:
+        """While the node is active, take `odometry`; that of a sensor becomes the body's by `tf_static`.
+
+        Odometry of a frame that is not known there is taken as it is, with a warning in /diagnostics.
+
+        Parameters:
+            take: takes the body's odometry.
+        """
+        odometry = self._odometry = TfOdometry(self)
+        self.create_subscription(Odometry, 'odometry', lambda message: take(odometry.of_body(message)), STREAM)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
@@ -249,6 +284,9 @@ class RigNode(ParameterNode):
                 status.mergeSummary(
                     DiagnosticStatus.ERROR, f'{topic} has {len(names)} publishers ({", ".join(names)}) and is not used: stop '
                     'all but one, or give each rig a namespace; on an open network SROS 2 keeps others out')
+            for frame in sorted(self._odometry.assumed if self._odometry else ()):
+                status.mergeSummary(DiagnosticStatus.WARN, f'odometry is of {frame!r}, of which tf_static has no rotation to '
+                                    f"{BASE_FRAME!r}: it counts as the body's")
             try:
                 self.diagnose(status)
             except Exception as error:  # noqa: BLE001  the status of a node is published whatever it contains

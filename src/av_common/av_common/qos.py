@@ -11,3 +11,5 @@ RESULT = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20, reliability=Relia
 # Facts that hold until they change; delivered to late subscribers, too.
 LATCHED = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Fixed frames of several publishers, as of tf2_ros.
+FRAMES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)

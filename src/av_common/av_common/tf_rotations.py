@@ -11,7 +11,7 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
 from tf2_ros import Buffer, TransformException
@@ -20,12 +20,12 @@ from transforms3d.quaternions import quat2mat
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import NEAREST_S, RESTART_S, NotYetKnownError
+from av_common.qos import FRAMES
 from av_common.stamps import to_seconds
 
 LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
 MOST_FRAMES = 500  # of all robots on one tf
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
-FIXED_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class GuardedTransformListener:
@@ -52,7 +52,7 @@ class GuardedTransformListener:
         self._clock, self._now = node.get_clock(), -math.inf
         self._buffer = buffer
         node.create_subscription(TFMessage, f'{namespace}tf', self.callback, MOVING_QOS)
-        node.create_subscription(TFMessage, f'{namespace}tf_static', self.static_callback, FIXED_QOS)
+        node.create_subscription(TFMessage, f'{namespace}tf_static', self.static_callback, FRAMES)
 
     def callback(self, data: TFMessage) -> None:
         """Take moving frames."""

@@ -9,24 +9,19 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 import numpy as np
-from geometry_msgs.msg import Point, Quaternion, Vector3
-from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Header
-from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_audio.stage import DoaStage
 from av_bags import topics as names
 from av_bags.definitions import serialiser
 from av_bags.reader import Bag
-from av_common.frames import BASE_FRAME, attitude_of, is_orientation
+from av_common.body_odometry import FixedFrames
+from av_common.frames import BASE_FRAME
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
-from av_common.quaternions import Quaternion as Orientation
-from av_common.quaternions import inverse, product
 from av_common.rig import Rig
-from av_common.stamps import to_seconds, to_stamp
+from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord
@@ -191,7 +186,7 @@ class SensorFrames:
     """
 
     def __init__(self, rig: Rig, gimbal: GimbalHistory) -> None:
-        self._parents: dict[str, tuple[str, NDArray]] = {}
+        self._fixed = FixedFrames()
         carrier = rig.gimbal.frame if rig.gimbal else BASE_FRAME
         self._described = {
             rig.array.frame: (BASE_FRAME, rig.array.mount.rotation), BASE_FRAME: (BASE_FRAME, np.eye(3))}
@@ -202,18 +197,11 @@ class SensorFrames:
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
         self.impossible: set[str] = set()
-        # Of frames of odometry the rotations into the body, and that from the body as a quaternion.
-        self._carried: dict[str, tuple[NDArray, Orientation] | None] = {}
 
     def learn(self, bag: Bag, topic: str) -> None:
         """Take the transforms of a bag's topic; they go before the rig's description."""
         for _, _, data in bag.messages([topic]):
-            for transform in bag.decode(topic, data).transforms:
-                attitude, frame = attitude_of(transform.transform.rotation), transform.child_frame_id
-                if is_orientation(attitude):
-                    self._parents[frame] = (transform.header.frame_id, quat2mat(attitude))
-                else:
-                    self.impossible.add(frame)
+            self.impossible |= set(self._fixed.learn(bag.decode(topic, data).transforms))
 
     def rotation(self, frame: str, time: float) -> NDArray | None:
         """From `frame` to the body at `time` (s); None where neither transforms nor the description know it.
@@ -230,43 +218,12 @@ class SensorFrames:
         sample = self._gimbal.at(time)
         return None if sample is None else sample.rotation @ rotation
 
-    def odometry_of_body(self, message: Any) -> Any:
-        """Odometry of a sensor's frame, such as that of an IMU or a tracking camera, as that of the body that carries it.
-
-        One of a frame that neither transforms nor the description know is taken for the body's.
-        """
-        frame = message.child_frame_id
-        if frame not in self._carried:
-            parent, rotation = self._look_up(frame) or ('', np.eye(3))
-            self._carried[frame] = (rotation, inverse(mat2quat(rotation).tolist())) if parent == BASE_FRAME else None
-        carried = self._carried[frame]
-        if carried is None or np.allclose(carried[0], np.eye(3)):
-            return message
-        rotation, from_body = carried
-        turned = Odometry(header=Header(stamp=to_stamp(to_seconds(message.header.stamp)), frame_id=message.header.frame_id),
-                          child_frame_id=BASE_FRAME)
-        attitude, place = message.pose.pose.orientation, message.pose.pose.position
-        w, x, y, z = product(attitude_of(attitude), from_body)
-        turned.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
-        turned.pose.pose.position = Point(x=place.x, y=place.y, z=place.z)
-        for name in ('linear', 'angular'):
-            twist = getattr(message.twist.twist, name)
-            x, y, z = map(float, rotation @ (twist.x, twist.y, twist.z))
-            setattr(turned.twist.twist, name, Vector3(x=x, y=y, z=z))
-        return turned
-
-    @property
-    def assumed(self) -> list[str]:
-        """Frames of odometry that are taken for the body's."""
-        return sorted(frame for frame, carried in self._carried.items() if frame and carried is None)
+    def fixed(self, frame: str) -> NDArray | None:
+        """From `frame` to the body; None where it is not known, or moves with the gimbal."""
+        parent, rotation = self._look_up(frame) or (BASE_FRAME, self._fixed.rotation(frame))
+        return rotation if parent == BASE_FRAME else None
 
     def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
         """The body's or the gimbal's frame, and the rotation into it."""
-        rotation, at, seen = np.eye(3), frame, set()
-        while at in self._parents and at not in (BASE_FRAME, self._carrier) and at not in seen:
-            seen.add(at)
-            at, step = self._parents[at][0], self._parents[at][1]
-            rotation = step @ rotation
-        if seen and at in (BASE_FRAME, self._carrier):
-            return at, rotation
-        return self._described.get(frame)
+        return next((found for found in self._fixed.ancestors(frame) if found[0] in (BASE_FRAME, self._carrier)),
+                    self._described.get(frame))

@@ -19,6 +19,7 @@ from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.reader import Bag
 from av_bags.topics import Found, absolute, find_topics
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
+from av_common.body_odometry import BodyOdometry
 from av_common.camera import PinholeCamera
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory
@@ -179,7 +180,7 @@ class Replay:
         elif name != names.FRAMES:
             self._pipeline.advance(arrival)
             try:
-                message = self._frames.odometry_of_body(message) if name == names.ODOMETRY else message
+                message = self._odometry.of_body(message) if name == names.ODOMETRY else message
             except ValueError as error:
                 self._pipeline.problems[f'{name}: {error}'] += 1
                 return
@@ -211,6 +212,7 @@ class Replay:
         fusion = self._parameters('av_fusion', 'fusion_node')
         gimbal = GimbalHistory()
         self._frames = SensorFrames(rig, gimbal)
+        self._odometry = BodyOdometry(self._frames.fixed)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
         camera = self._camera(rig)
@@ -291,7 +293,7 @@ class Replay:
             self._conclude_sound(self._doa)
         if self._fusion is not None:
             self._conclude_fusion(self._fusion)
-        for frame in self._frames.assumed:
+        for frame in sorted(self._odometry.assumed):
             self._note(f"odometry of {frame!r}: no transform from it to the body, it counts as the body's")
         for frame in sorted(self._frames.impossible):
             self._lose(f'the transform of {frame!r} is left out: its rotation is no unit quaternion')

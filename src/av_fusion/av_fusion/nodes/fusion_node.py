@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import PointStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
@@ -80,12 +79,13 @@ class FusionNode(RigNode):
             self.create_subscription(CameraInfo, info, stage.on_camera_info, STREAM)
         self.create_subscription(Visibility, 'visibility', stage.on_visibility, STREAM)
         inputs: list[tuple[Any, str, Any, Any]] = [
-            (DoaArray, 'doa', stage.on_doa, STREAM), (Odometry, 'odometry', stage.on_odometry, STREAM),
-            (GimbalState, GIMBAL, stage.on_gimbal, STREAM), (PointingCommand, 'pointing/command', stage.on_command, RESULT)]
+            (DoaArray, 'doa', stage.on_doa, STREAM), (GimbalState, GIMBAL, stage.on_gimbal, STREAM),
+            (PointingCommand, 'pointing/command', stage.on_command, RESULT)]
         inputs += [(Detection2DArray, seen, partial(stage.on_detections, topic=seen), STREAM) for seen in self._sights.values()]
         inputs += [(PointStamped, 'target/cue', stage.on_cue, RESULT)] if self._settings.use_cues else []
         for kind, topic, take, quality in inputs:
             self.create_subscription(kind, topic, partial(self._use, topic, take), quality)
+        self.subscribe_odometry(partial(self._use, 'odometry', stage.on_odometry))
         self.create_service(SelectTarget, '~/select', self._on_select)
         self.create_service(Trigger, '~/request_rotation', self._on_request_rotation)
         self.create_service(Trigger, '~/forget_emitters', self._on_forget_emitters)

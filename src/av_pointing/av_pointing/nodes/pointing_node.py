@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool
 from av_common.freshness import Instant
 from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
-from av_common.qos import LATCHED, RESULT, STREAM
+from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
@@ -64,7 +64,7 @@ class PointingNode(RigNode):
                                       tell=partial(setattr, self._stage, 'contested'))
         self._timer = self.create_timer(PERIOD_S, self._on_time, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
-        self.create_subscription(Odometry, 'odometry', self._on_odometry, STREAM)
+        self.subscribe_odometry(self._on_odometry)
         self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED,
                                  event_callbacks=SubscriptionEventCallbacks(
                                      matched=lambda status: self._stage.on_limiters(status.current_count)))

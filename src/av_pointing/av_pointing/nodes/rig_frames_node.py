@@ -7,7 +7,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
@@ -56,9 +55,8 @@ class RigFramesNode(RigNode):
             return
         self.create_subscription(GimbalState, 'gimbal/state', self._on_state, STREAM)
         self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
-        for kind, topic, take in ((JointState, 'joint_states', self._stage.on_joints),
-                                  (Odometry, 'odometry', self._stage.on_odometry)):
-            self.create_subscription(kind, topic, partial(self._publish, take), STREAM)
+        self.create_subscription(JointState, 'joint_states', partial(self._publish, self._stage.on_joints), STREAM)
+        self.subscribe_odometry(partial(self._publish, self._stage.on_odometry))
         self.create_timer(PERIOD_S, self._on_time)
 
     def _send_fixed(self) -> None:

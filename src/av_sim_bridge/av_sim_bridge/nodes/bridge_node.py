@@ -70,7 +70,7 @@ class BridgeNode(RigNode):
         self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.refuse_second_publishers('pointing/command', tell=partial(setattr, self._stage, 'contested'))
         if self._settings.follow_odometry:
-            self.create_subscription(Odometry, 'odometry', self._on_odometry, RESULT)
+            self.subscribe_odometry(self._on_odometry)
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""

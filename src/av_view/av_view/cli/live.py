@@ -18,6 +18,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from vision_msgs.msg import Detection2DArray
 
+from av_common.node import TfOdometry
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rig import Rig, detections_topic
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
@@ -76,7 +77,8 @@ def subscribe(node: Node, rig: Rig, check: LiveCheck) -> None:
 
     node.create_subscription(AudioFrame, 'audio/frames', taking(check.on_audio), STREAM)
     node.create_subscription(DoaArray, 'doa', taking(check.on_doa), STREAM)
-    node.create_subscription(Odometry, 'odometry', taking(check.on_odometry), STREAM)
+    odometry = TfOdometry(node)
+    node.create_subscription(Odometry, 'odometry', taking(lambda message: check.on_odometry(odometry.of_body(message))), STREAM)
     node.create_subscription(DiagnosticArray, '/diagnostics', taking(check.on_diagnostics), RESULT)
     node.create_subscription(CameraInfo, 'camera/camera_info', taking(check.on_camera_info), STREAM)
     node.create_subscription(Image, 'camera/image_raw', taking(check.on_image), IMAGE)

@@ -9,7 +9,6 @@ from typing import Any, Generic, TypeVar
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vision_msgs.msg import Detection2DArray
 
@@ -101,7 +100,7 @@ class DetectorNode(RigNode):
         self.refuse_second_publishers(topic)
         subscribe(Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
         subscribe(CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
-        subscribe(Odometry, 'odometry', self._stage.on_odometry, STREAM)
+        self.subscribe_odometry(self._stage.on_odometry)
         subscribe(Bearing, 'target/bearing', self._stage.on_bearing, RESULT)
 
     def deactivate(self) -> None:
