@@ -87,7 +87,7 @@ class GatedTracker(PlainTracker):
         if self._detection is not None and time < self._detection[0]:
             return  # late: a newer one is known
         self._visibility = measurement.visibility
-        self.machine.on_image(time, best.score if best else 0.0)
+        self.machine.on_image(time, best.score if best else 0.0, measurement.camera)
         if best and best.score >= self.machine.tau:
             self._detection, self._newest[Source.SIGHT] = (time, best), time
             self._unambiguous = (time, self._world_azimuth(time, best))

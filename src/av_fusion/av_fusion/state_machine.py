@@ -17,7 +17,7 @@ class StateMachine:
         state: the current state.
         reason: reason of the last change.
         changed (s): time of the last change.
-        sight_confidence: score of the target's detection in the newest image, 0 without one.
+        sight_confidence: score of the target's detection in the newest image, 0 without one; of several cameras the best.
         sound_confidence: confidence of the newest direction of arrival.
 
     Parameters:
@@ -36,16 +36,20 @@ class StateMachine:
         self.sight_confidence = 0.0
         self.sound_confidence = 0.0
         self._newest_image = self._newest_doa = -math.inf
+        self._sights: dict[str, tuple[float, float]] = {}  # time and score, by camera
 
-    def on_image(self, time: float, score: float) -> None:
+    def on_image(self, time: float, score: float, camera: str = '') -> None:
         """Use the score of the target's detection in an image, 0 if it was not detected.
 
         Parameters:
             time (s): capture time of the image.
             score: score 0..1.
+            camera: name of the camera.
         """
-        if time >= self._newest_image:
-            self._newest_image, self.sight_confidence = time, score
+        if time >= self._sights.get(camera, (-math.inf, 0.0))[0]:
+            self._sights[camera] = time, score
+            self._newest_image = max(self._newest_image, time)
+            self.sight_confidence = max(score for at, score in self._sights.values() if self._newest_image - at <= SIGHT_TIMEOUT_S)
 
     def on_doa(self, time: float, confidence: float) -> None:
         """Use the confidence of a direction of arrival.

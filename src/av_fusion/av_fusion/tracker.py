@@ -102,7 +102,8 @@ class MultiTargetTracker:
         self.planner.cancel()
         self.looks = LookPlanner(self.settings.gimbal) if self.settings.gimbal else None
         self._targets = Targets(0.0)
-        self._image = NO_CAMERA  # the newest one
+        self._images: dict[str, CameraMeasurement] = {}  # the newest one of each camera
+        self._image = NO_CAMERA  # that of them in which one sees best
         self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
 
     def add_pose(self, pose: Pose) -> None:
@@ -129,14 +130,16 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
-        self._image = measurement
+        self._images[measurement.camera] = measurement
+        recent = [one for one in self._images.values() if abs(one.time - measurement.time) <= SIGHT_TIMEOUT_S]
+        self._image = max(recent, key=lambda one: one.visibility if math.isfinite(one.visibility) else -1.0)
         # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         self._calibration.see(time, measurement.best if len(seen) < 2 else None)
         self.filter.update_image(time, measurement)
         followed = next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
         score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0
-        self.machine.on_image(time, score)
+        self.machine.on_image(time, score, measurement.camera)
         if self.looks is not None:
             self.looks.on_image(time, measurement, self.motion, score >= self.machine.tau)
 

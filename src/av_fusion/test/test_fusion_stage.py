@@ -130,6 +130,55 @@ def test_two_cameras_of_one_target_give_one_bearing_each_with_its_own_frame_and_
     assert stage.on_detections(warm, now, 'second_camera/detections') is None
 
 
+def two_cameras(yaw=0.0):
+    """A stage with a second camera, of the same lens, that is turned by `yaw` (rad)."""
+    turned = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'),
+                              fixed_rotations(ROTATIONS | {'thermal': turned @ FLU_TO_OPTICAL.T}),
+                              detections=('detections', 'second_camera/detections'))
+    for frame in ('camera', 'thermal'):
+        info = camera_info()
+        info.header.frame_id = frame
+        stage.on_camera_info(info)
+    return stage
+
+
+@pytest.mark.parametrize('blind', ['camera', 'thermal'])
+def test_a_camera_that_sees_nothing_does_not_take_the_lead_from_one_that_does(blind):
+    """The visible one at night, or the thermal one before a warm wall."""
+    stage, states = two_cameras(), []
+    topics = {'camera': 'detections', 'thermal': 'second_camera/detections'}
+    for k in range(40):
+        now = START + 0.05 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        stage.on_visibility(Visibility(header=detections(now).header, visibility=0.0 if blind == 'camera' else 0.9))
+        stage.on_doa(doa(now - 0.3, 0.2), now)
+        boxes = [] if (frame := ('camera', 'thermal')[k % 2]) == blind else [(319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')]
+        output = stage.on_detections(detections(now - 0.04, *boxes, frame=frame), now, topics[frame])
+        states.append(output.state.state)
+        assert not output.state.visibility > 0.0 or blind == 'thermal'
+    assert set(states[10:]) == {Bearing.STATE_VISUAL_ACTIVE}
+    for k in range(20):    # nor is what the camera that died saw last a reason to lead
+        now = START + 2.0 + 0.05 * k
+        output = stage.on_detections(detections(now - 0.04, frame=blind), now, topics[blind])
+    assert output.state.state != Bearing.STATE_VISUAL_ACTIVE
+
+
+@pytest.mark.parametrize('aside', [None, math.pi])
+def test_a_second_camera_that_looks_elsewhere_takes_nothing_from_what_the_first_one_tells(aside):
+    """A pair hears a target behind: the first camera, whose view is clear and empty, excludes the front as fast as alone."""
+    stage = two_cameras(0.0 if aside is None else aside)
+    for k in range(40):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        stage.on_visibility(Visibility(header=detections(now).header, visibility=1.0))
+        stage.on_doa(doa(now - 0.3, 0.2), now)
+        if aside is not None:
+            stage.on_detections(detections(now - 0.055, frame='thermal'), now, 'second_camera/detections')
+        output = stage.on_detections(detections(now - 0.05), now)
+    assert output.state.front_probability < 0.05
+
+
 def test_a_stamp_of_another_clock_is_counted_and_not_used():
     recorder = Recorder()
     stage = make_stage(recorder)

@@ -125,7 +125,7 @@ class MeasurementConverter:
             return None
         return usable_camera(CameraMeasurement(
             time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad,
-            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL)))
+            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame))
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []

@@ -130,6 +130,7 @@ class CameraMeasurement(NamedTuple):
         half_view, half_height (rad): half of the field of view, horizontally and vertically.
         visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
         view: rotation of the camera (x through the middle of its field of view, z up in the image) on the body.
+        camera: name of its frame.
     """
 
     time: float
@@ -138,6 +139,7 @@ class CameraMeasurement(NamedTuple):
     half_height: float = 0.5
     visibility: float = math.nan
     view: Rows = IDENTITY
+    camera: str = ''
 
     @property
     def best(self) -> Detection | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import remainder, tau
 from typing import NamedTuple
@@ -29,6 +30,7 @@ ASSOCIATED = 0.5  # probability from which a measurement counts as associated wi
 MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of three cameras at 60 Hz, for half a second
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 _IDENTITY = np.identity(SIZE)
+NOT_HIDDEN = (0.0, -math.inf)  # at no time
 
 
 class BodyDirection(NamedTuple):
@@ -63,8 +65,8 @@ class GaussianComponent:
         inverse_range (1/m): of the target.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
         usual: distribution to which the elevation returns.
-        p_hidden: probability that fog, or something near, hides the target from the camera.
-        hidden_time (s): time for which p_hidden is valid.
+        hidden: by camera, the probability that fog, or something near, hides the target from it, and the time (s) for which
+            that is valid.
         p_unheard: probability that the target cannot be heard, because louder sources mask it.
         newest_doa, newest_sighting (s): capture times of the newest direction of arrival, and of the newest image with a
             detection, that is associated with the component: more probably than not it stems from this target.
@@ -82,8 +84,7 @@ class GaussianComponent:
     inverse_range: float = 0.03
     elevation_measured: bool = False
     usual: Elevation = field(default=Elevation(0.0, 1.0, 1.0), repr=False)
-    p_hidden: float = 0.0
-    hidden_time: float = -math.inf
+    hidden: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     p_unheard: float = 0.0
     newest_doa: float = -math.inf
     newest_sighting: float = -math.inf
@@ -331,7 +332,16 @@ class GaussianComponent:
         return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
                              variances[1])
 
-    def predict_hidden(self, time: float, visibility: float, is_known: bool) -> None:
+    def p_hidden(self, camera: str) -> float:
+        """Probability that the target is hidden from a camera."""
+        return self.hidden.get(camera, NOT_HIDDEN)[0]
+
+    def note_seen(self, camera: str, time: float) -> None:
+        """Note that a camera shows the target at a time (s)."""
+        p_hidden, newest = self.hidden.get(camera, NOT_HIDDEN)
+        self.hidden = {**self.hidden, camera: (p_hidden, max(newest, time))}
+
+    def predict_hidden(self, camera: str, time: float, visibility: float, is_known: bool) -> None:
         """Predict the probability that the target is hidden to the time of an image.
 
         What hides a target changes slowly, over OCCLUSION_S: a hundred images without it are hardly more evidence than one.
@@ -340,25 +350,29 @@ class GaussianComponent:
         A target that an image has shown was not hidden then; where the visibility is unknown, the same law hides it later.
 
         Parameters:
+            camera: name of the camera.
             time (s): capture time of the image.
             visibility: visibility of the image, 0..1.
             is_known: whether that is known, and bounds what this image shows, or assumed.
         """
-        usual, kept = 1.0 - (1.0 - OCCLUDED) * visibility, 1.0
-        if time > self.hidden_time:
-            kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
-        self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual or not is_known else usual
+        usual, (p_hidden, newest) = 1.0 - (1.0 - OCCLUDED) * visibility, self.hidden.get(camera, NOT_HIDDEN)
+        kept = math.exp(min(newest - time, 0.0) / OCCLUSION_S)
+        p_hidden = usual + kept * (p_hidden - usual) if p_hidden > usual or not is_known else usual
+        self.hidden = {**self.hidden, camera: (p_hidden, max(newest, time))}
 
-    def update_hidden(self, chance: float, fraction: float, missed: float) -> None:
+    def update_hidden(self, camera: str, chance: float, fraction: float, missed: float) -> None:
         """Update the probability that the target is hidden by an image.
 
         Parameters:
+            camera: name of the camera.
             chance: that the image shows a target that is not hidden.
             fraction: effective sample fraction of the image.
             missed: probability that the image does not show the target, given what it shows.
         """
         overlooked = max(1.0 - chance, 1e-3) ** fraction
-        self.p_hidden *= missed / max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
+        p_hidden, newest = self.hidden.get(camera, NOT_HIDDEN)
+        p_hidden *= missed / max(p_hidden + (1.0 - p_hidden) * overlooked, 1e-9)
+        self.hidden = {**self.hidden, camera: (p_hidden, newest)}
 
 
 def _bounded(inverse_range: float) -> float:

@@ -51,7 +51,9 @@ class MultiBernoulliFilter:
     def reset(self) -> None:
         """Discard all tracks; their ids are not used again."""
         self.tracks: list[Track] = []
-        self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
+        self.newest = self.newest_doa = -math.inf
+        # Of each camera: the errors of one tell nothing about those of another.
+        self._newest_image, self._newest_sighting = dict[str, float](), dict[str, float]()
         self._undetected = self._settings.undetected_first
 
     def turn_world(self, rows: Rows) -> None:
@@ -131,10 +133,12 @@ class MultiBernoulliFilter:
             time (s): its capture time.
             measurement: the image's detections in the body frame.
         """
-        settings, detections = self._settings, measurement.detections
-        newest = self._newest_sighting if detections else self._newest_image
-        fraction = effective_sample_fraction(time, newest, settings.sight_correlation)
-        self._newest_image, self.newest = max(self._newest_image, time), max(self.newest, time)
+        settings, detections, camera = self._settings, measurement.detections, measurement.camera
+        before = self._newest_sighting if detections else self._newest_image
+        fraction = effective_sample_fraction(time, before.get(camera, -math.inf), settings.sight_correlation)
+        for newest in (self._newest_image, self._newest_sighting)[:1 + bool(detections)]:
+            newest[camera] = max(newest.get(camera, -math.inf), time)
+        self.newest = max(self.newest, time)
         places = [track.predict(time) for track in self.tracks]
         image = Image.of(time, measurement, self._motion.attitude(time), settings.assumed_visibility, fraction)
         for track in self.tracks:
@@ -147,7 +151,6 @@ class MultiBernoulliFilter:
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             track.use_image(image, each, factors)
         if detections:
-            self._newest_sighting = max(self._newest_sighting, time)
             scores = [detection.score for detection in detections]
             clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0  # fog lowers scores
             for track, row in zip(self.tracks, shares, strict=True):
@@ -157,7 +160,7 @@ class MultiBernoulliFilter:
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
                 begun = self._begin(time, partial(births_of, [direction], settings), existence)
                 if begun is not None:
-                    begun.mixture.note_measured(seen=time)
+                    begun.mixture.note_measured(seen=time, camera=camera)
                     begun.score = detection.score
                     begun.note_kind(Source.SIGHT, [detection.score], [clear])
         view_share = 2.0 * measurement.half_view * UNIFORM_DENSITY

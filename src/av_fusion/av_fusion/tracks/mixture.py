@@ -96,12 +96,12 @@ class GaussianMixture:
         for axis in axes:
             self.components = [part for component in self.components for part in split(component, axis)]
 
-    def note_measured(self, heard: float = -math.inf, seen: float = -math.inf) -> None:
-        """Note that all components were measured at these times (s) by sound or sight."""
+    def note_measured(self, heard: float = -math.inf, seen: float = -math.inf, camera: str = '') -> None:
+        """Note that all components were measured at these times (s) by sound, or by sight of a camera."""
         for component in self.components:
             component.newest_doa, component.newest_sighting = (max(component.newest_doa, heard),
                                                                max(component.newest_sighting, seen))
-            component.hidden_time = max(component.hidden_time, seen)
+            component.note_seen(camera, seen)
 
     def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """Weigh the components among each other by where others say that a target is.

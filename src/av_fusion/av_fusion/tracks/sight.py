@@ -78,7 +78,8 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     for detection, direction in zip(image.measurement.detections, image.directions, strict=True):
         deviations = direction.deviations(past)
         directions.append(Comparison(deviations, detected * odds_of(detection) * width * _densities(deviations), direction))
-    missed = component.p_hidden + (1.0 - component.p_hidden) * (1.0 - chance)
+    hidden = component.p_hidden(image.measurement.camera)
+    missed = hidden + (1.0 - hidden) * (1.0 - chance)
     found = np.array([one.fits for one in directions]).reshape(len(directions), len(component.modes)).T
     return SightComparison(component, past, directions, chance, missed, found)
 

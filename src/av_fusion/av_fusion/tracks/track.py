@@ -194,7 +194,7 @@ class Track:
     def predict_hidden(self, image: Image) -> None:
         """Predict to an image whether the target is hidden from the camera."""
         for component in self.mixture.components:
-            component.predict_hidden(image.time, image.visibility, image.is_known)
+            component.predict_hidden(image.measurement.camera, image.time, image.visibility, image.is_known)
 
     def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
         """Each component compared with an image; `place` is the result of `predict`."""
@@ -306,7 +306,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         detected: probability that a target in view is detected where nothing hides it.
     """
     component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
-    visible = 1.0 - component.p_hidden
+    visible = 1.0 - component.p_hidden(image.measurement.camera)
     if image.directions:
         found = compared.found * free
         likelihoods = compared.missed + np.add.reduce(found, axis=1)
@@ -320,7 +320,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         hidden = compared.missed / likelihood  # what was detected is not hidden
     if hidden > ASSOCIATED and visible > 0.0:
         _update_by_absence(image, compared, visible * detected)
-    component.update_hidden(compared.chance, image.fraction, hidden)
+    component.update_hidden(image.measurement.camera, compared.chance, image.fraction, hidden)
     component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
     return score
 
