@@ -49,7 +49,8 @@ class StateMachine:
         if time >= self._sights.get(camera, (-math.inf, 0.0))[0]:
             self._sights[camera] = time, score
             self._newest_image = max(self._newest_image, time)
-            self.sight_confidence = max(score for at, score in self._sights.values() if self._newest_image - at <= SIGHT_TIMEOUT_S)
+            self.sight_confidence = max(score for at, score in self._sights.values()
+                                        if self._newest_image - at <= SIGHT_TIMEOUT_S)
 
     def on_doa(self, time: float, confidence: float) -> None:
         """Use the confidence of a direction of arrival.

@@ -54,7 +54,8 @@ def test_a_bearing_in_the_world_is_right_with_odometry_of_an_imu_that_hangs_upsi
         pose.pose.pose.orientation = Quaternion(x=math.cos(0.5 * HEADING), y=math.sin(0.5 * HEADING), w=0.0)
         info = CameraInfo(width=640, height=480, distortion_model='plumb_bob', d=[0.0] * 5,
                           k=[457.0, 0.0, 319.5, 0.0, 457.0, 239.5, 0.0, 0.0, 1.0])
-        for name, message in (('odometry', pose), ('camera/camera_info', info), ('detections', Detection2DArray(detections=[box]))):
+        sent = (('odometry', pose), ('camera/camera_info', info), ('detections', Detection2DArray(detections=[box])))
+        for name, message in sent:
             message.header.stamp, message.header.frame_id = now, 'odom' if name == 'odometry' else 'camera'
             out[name].publish(message)
         for _ in range(10):

@@ -1,8 +1,10 @@
 """Files as cameras, and devices that vanish."""
 
+import base64
 import re
 import struct
 import time
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -87,16 +89,46 @@ def test_images_of_any_depth_can_be_published(tmp_path, name, kind, channels):
     assert np.array_equal(received, counts[..., :min(channels, 3)].squeeze())
 
 
-def test_a_video_of_counts_keeps_all_their_bits(tmp_path):
-    """Raw counts of a thermal camera differ by hundreds of 65,536: in 8 bits two grey levels would be left."""
+@pytest.mark.parametrize('codec', ['FFV1', 'MPNG'])
+def test_a_video_of_counts_keeps_all_their_bits_or_says_that_it_does_not(tmp_path, codec):
+    """Raw counts of a thermal camera differ by hundreds of 65,536: in 8 bits two grey levels are left, as if big-endian."""
     counts = np.random.default_rng(0).integers(7000, 7600, (5, 48, 64)).astype(np.uint16)
     options = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
     path = tmp_path / 'counts.mkv'
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*'FFV1'), 10.0, (64, 48), options)
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 10.0, (64, 48), options)
     for image in counts:
         writer.write(image)
     writer.release()
-    assert np.array_equal([frame.image for frame in Recording(path).frames()], counts)
+    recording = Recording(path)
+    assert np.array_equal([frame.image for frame in recording.frames()], counts) != ('8; for counts' in recording.problem)
+
+
+# 24 interlaced images of MPEG-2, each brighter than the one before.
+INTERLACED = (
+    'c-n>3u}cDB7{~GFH8WEviv~Br?fw91b#RCqTLK4H2^_)@Oi#ERq%DG`n`_85gl79kTD_sgCC=g1_qgY2@yFxzlatT;J;ft3pN1;u*8Wt9%;I87hITLWMMY'
+    '|odvj|4+?8j$4&4Q_34UMSTDz5#g^6%KF>GJIR8oQ$B;43bBtj$_0V*CMCU`+22P*DXeyf=hyf6VO?r)jk1&ISt(S7&MC?$Ad0#r1-tEW`R1_bh;p(hPJt'
+    'sxH@1|R%Q@Pfo4s2G*_C*_3+P%)YdF;|EJs2KZ9@WKSB7{@}y3ULG~CUyRw^1=kDnD|2Y3Q<HAeIfc9fhr;)B850c6-yzO8i6WeA!3Cnfr{Wno}Aety0IH'
+    '~;Nr2CeJZ*9<|o4cgh!RpQ5`v|qtuqc4F@wJ+}Z-&psJJ')
+
+
+def test_an_interlaced_video_is_played_or_said_not_to_be(tmp_path, video):
+    """OpenCV 4.13 gives what is in its memory for each image of one, without an error."""
+    path = tmp_path / 'interlaced.m2v'
+    path.write_bytes(zlib.decompress(base64.b85decode(INTERLACED)))
+    for file in (path, video):
+        recording = Recording(file)
+        levels = [frame.image.mean() for frame in recording.frames()]
+        assert np.all(np.diff(levels) > 3.0) != ('interlaced' in recording.problem)
+
+
+def test_a_video_that_is_cut_off_says_so(video):
+    """As where a disk was full, or a download ended early."""
+    recording = Recording(video)
+    assert len(list(recording.frames())) == 20 and recording.problem == ''
+    video.write_bytes(video.read_bytes()[:video.stat().st_size * 6 // 10])
+    recording = Recording(video)
+    assert len(list(recording.frames())) < 15
+    assert re.search(r'end at 0\.[0-9] of 0\.4 s: is it cut off', recording.problem)
 
 
 def claims(suffix):
@@ -308,7 +340,7 @@ def test_an_unreadable_image_leaves_a_gap_in_time_and_is_named(tmp_path):
     (tmp_path / '2.jpg').write_bytes((tmp_path / '2.jpg').read_bytes()[:30])
     recording = Recording(tmp_path, rate=4.0)
     assert [frame.time for frame in recording.frames()] == [0.0, 0.25, 0.75, 1.0]
-    assert len(recording.problems) == 1 and '2.jpg' in recording.problems[0]
+    assert '1 of 5 images left out' in recording.problem and '2.jpg' in recording.problem
 
 
 def element(name, content):

@@ -159,8 +159,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
         video.close()
     if arguments.output:
         out.close()
-    lost = recording.problems
-    return [f'{len(lost)} of {recording.count} images left out: {lost[0]}'] if lost else []
+    return [recording.problem] if recording.problem else []
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -151,8 +151,8 @@ class CameraNode(RigNode):
         status.add('reconnections', str(self._capture.reconnections))
         if isinstance(self._source, FileSource):
             status.add('skipped', str(self._source.skipped))
-            for problem in self._source.problems[:1]:
-                status.mergeSummary(DiagnosticStatus.WARN, f'{len(self._source.problems)} images left out: {problem}')
+            if self._source.problem:
+                status.mergeSummary(DiagnosticStatus.WARN, self._source.problem)
         if self._capture.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
         elif self._misfit:

@@ -26,7 +26,11 @@ IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.t
 MOST_BYTES = 1000 * MEGABYTE
 _PGM = re.compile(rb'P[25](?:\s+|#[^\n]*\n)+(\d{1,9})(?:\s+|#[^\n]*\n)+(\d{1,9})\s')
 _WIDTH, _HEIGHT = 256, 257    # tags of TIFF
-_COUNTS = int.from_bytes(b'Y1\0\x10', 'little')    # FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told
+# FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told, as it does of other depths, and of other order.
+_COUNTS = b'Y1\0\x10'
+ALIKE = 10     # images that are the same to the bit from which on that is told: noise alone makes those of cameras differ
+WHOLE = 0.9    # share of its stated length from which on a video counts as whole
+CONVERT = 'convert it first, such as by ffmpeg'
 
 
 def read_image(path: Path) -> NDArray:
@@ -129,7 +133,7 @@ class Recording:
     Attributes:
         rate (1/s): frames per second, of a video the mean of its beginning.
         count: number of frames; 0 if unknown.
-        problems: images of the folder that could not be read, in the last `frames`.
+        problem: what the last `frames` did not read as it is; empty where all was read, and while nothing tells.
 
     Raises SourceError for a path, video or image that cannot be read.
     """
@@ -141,7 +145,9 @@ class Recording:
             raise SourceError(f'{path}: {error}') from error
         if not self.path.exists():
             raise SourceError(f'{path} does not exist, expected a video, an image or a folder of images')
-        self.problems: list[str] = []
+        self._lost: list[str] = []    # why images of the folder could not be read
+        self._cut, self._alike = '', 0    # of a video: that it ends early; how many images are the same, -1 for none
+        self._shortened = ''
         self._even = rate
         is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
         self._files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
@@ -152,31 +158,47 @@ class Recording:
         times = self._probe()
         self.rate = rate or ((len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else FOLDER_RATE)
 
+    @property
+    def problem(self) -> str:
+        """See the class."""
+        left_out = f'{len(self._lost)} of {self.count} images left out: {self._lost[0]}' if self._lost else ''
+        still = (f'all {self._alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is one, '
+                 f'{CONVERT} -i IN -vf bwdif OUT.mp4') if self._alike >= ALIKE else ''
+        found = [text for text in (left_out, still, self._shortened, self._cut) if text]
+        return f'{self.path}: {"; ".join(found)}' if found else ''
+
     def frames(self, wanted: Callable[[float], bool] = lambda time: True) -> Iterator[Frame]:
         """Frames in order; those for whose time (s) `wanted` is false are not decoded. Raises SourceError."""
         return self._images(wanted) if self._files else self._video(wanted)
 
     def _images(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
-        self.problems = []
+        self._lost = []
         for index, path in enumerate(self._files):
             if not wanted(index / self.rate):
                 continue
             try:
                 yield Frame(index, index / self.rate, read_image(path))
             except SourceError as error:
-                self.problems.append(str(error))
-                if len(self.problems) == len(self._files):
+                self._lost.append(str(error))
+                if len(self._lost) == len(self._files):
                     raise
 
     def _video(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
-        video = self._open_video()
+        video, first, stated = self._open_video(), None, 0.0
+        self._cut, self._alike = '', 0
         try:
             for index, stated in enumerate(self._times(video)):
                 at = index / self._even if self._even else stated
                 if wanted(at):
                     good, image = video.retrieve()
                     if good:
+                        first = image if first is None else first
+                        same = self._alike >= 0 and np.array_equal(image, first)
+                        self._alike = self._alike + 1 if same else -1
                         yield Frame(index, at, image)
+            length = self.count / max(video.get(cv2.CAP_PROP_FPS), 1.0)
+            if stated + 1.0 / self.rate < WHOLE * length:
+                self._cut = f'its images end at {stated:.1f} of {length:.1f} s: is it cut off?'
         finally:
             video.release()
 
@@ -212,8 +234,13 @@ class Recording:
         video = cv2.VideoCapture(str(self.path))
         if not video.isOpened():
             raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
-        if int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) == _COUNTS:
+        kind = (int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF).to_bytes(4, 'little')
+        bits = kind[3] if kind[:3] == _COUNTS[:3] else kind[0] if kind[1:] == _COUNTS[2::-1] else 8
+        if kind == _COUNTS:
             video.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
+        elif bits > 8:
+            self._shortened = (f'of grey pixels of {bits} bits OpenCV keeps 8; for counts {CONVERT} -i IN -pix_fmt gray16le '
+                               '-c:v ffv1 OUT.mkv')
         width, height = (int(video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MOST_PIXELS:
             raise SourceError(f'{self.path} has images of {width}x{height} pixels, expected at most {MOST_PIXELS} pixels')
@@ -245,9 +272,9 @@ class FileSource:
         self._begin = begin or now
 
     @property
-    def problems(self) -> list[str]:
-        """Images that could not be read."""
-        return self._recording.problems
+    def problem(self) -> str:
+        """What is not read as it is; see `Recording`."""
+        return self._recording.problem
 
     def open(self) -> None:
         """Start at the first frame at the beginning, for which this waits."""
