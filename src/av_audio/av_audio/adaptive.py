@@ -30,8 +30,6 @@ FEWER_CLUSTERS = 1.15
 class Adaptive:
     """The estimate with the smaller expected error of two: of the likelihood inside the band, and of even phases in all bins.
 
-    Where the rig's own rotors are notched, what is left of them has phases of its own: the likelihood serves alone.
-
     The parameters are those of Correlation; bins outside of the band-pass filter serve the even phases alone.
     """
 
@@ -46,8 +44,6 @@ class Adaptive:
         """The peak for spectra (m, k)."""
         inside = spectra[:, self._inside]
         likely, drift = self._likelihood.at_rest(inside)
-        if not inside[0].all():
-            return at_centre(likely, drift)
         even, pulled = self._even.estimate(spectra)
         ratio = expected_error(likely) / expected_error(even, SHARED_REFLECTIONS)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
-from av_audio.ego_noise import BAND_HZ, SHARES, EgoNoise, covariance, throttles
+from av_audio.ego_noise import BAND_HZ, MIN_DURATION_S, SHARES, EgoNoise, covariance, throttles
 from av_audio.ego_peaks import EgoPeaks
 from av_audio.spectra import TINY
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, with_other_lobes
@@ -117,6 +117,8 @@ class BandSearch:
         _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
         self._neighbours = neighbours[:, 1:]
         self._placed = (0.5 * PLACED_M / array.aperture) ** 2  # the tolerance is two standard deviations
+        # Windows, which overlap by half: what passes sooner, as a knock or motors that start, is no throttle.
+        self._least = 2.0 * MIN_DURATION_S * float(frequencies[1] - frequencies[0])
         self._listen([self._bands(spectra) for spectra in recording])
 
     def _listen(self, windows: list[NDArray]) -> None:
@@ -127,6 +129,9 @@ class BandSearch:
         if not windows:
             return
         throttle, found = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows])), []
+        lasts = np.bincount(throttle)[throttle] >= self._least
+        if lasts.any():
+            throttle, windows = throttle[lasts], [windows[k] for k in np.flatnonzero(lasts)]
         of_one = [throttle == one for one in np.unique(throttle)]
         late = np.any([these & (np.cumsum(these) > 0.5 * np.sum(these)) for these in of_one], axis=0)  # half of each throttle
         for other in (late, ~late) if np.sum(~late) > 1 else ():

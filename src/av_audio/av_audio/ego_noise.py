@@ -120,7 +120,7 @@ class EgoNoise:
 def throttles(powers: NDArray) -> NDArray:
     """Numbers (w,) of the throttles at which windows with powers (w,) were recorded."""
     levels_db = 10.0 * np.log10(powers + np.finfo(float).tiny)
-    return np.asarray(np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB))
+    return np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB).astype(int)
 
 
 def covariance(bands: NDArray) -> NDArray:

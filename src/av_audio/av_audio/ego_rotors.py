@@ -9,6 +9,27 @@ from numpy.typing import ArrayLike, NDArray
 NOTCH_HZ = 4.0
 NOTCH_SHARE = 0.004
 
+ALIKE_HZ = 250.0  # within this width the sound between lines is alike
+
+
+def without_lines(spectra: NDArray, frequencies: NDArray, blade_pass_hz: NDArray) -> NDArray:
+    """Spectra (m, k), 0 in the notches where lines are louder than what is beside them.
+
+    Notches of four rotors cover three fifths of the bins above 2 kHz. Lines that jitter are no louder there than the hiss of
+    the rotors, and a target is in these bins, too.
+
+    Parameters:
+        spectra (m, k): of a window.
+        frequencies (k,) (Hz): frequencies of the bins.
+        blade_pass_hz (r,) (Hz): blade-pass frequencies; 0 for a rotor that stands still.
+    """
+    if not np.any(blade_pass_hz):
+        return spectra
+    power = np.sum(np.abs(spectra) ** 2, axis=0)
+    parts = np.array_split(power, max(1, round((frequencies[-1] - frequencies[0]) / ALIKE_HZ)))
+    beside = np.concatenate([np.full(len(part), np.median(part)) for part in parts])
+    return np.asarray(spectra * (notch(frequencies, blade_pass_hz) | (power < 2.0 * beside)))
+
 
 def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
     """Which bins (k,) at frequencies (k,) in Hz are free of harmonics of the blade-pass frequencies (r,) in Hz.

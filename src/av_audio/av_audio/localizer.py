@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import NoiseRecording
-from av_audio.ego_rotors import notch
+from av_audio.ego_rotors import without_lines
 from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.health import DEAD_DBFS
@@ -218,14 +218,16 @@ class Localizer:
         level = self._analyzer.level_dbfs(spectra)
         if level < DEAD_DBFS:
             return self._nothing(centre, level)
-        spectra = spectra * notch(self._analyzer.frequencies, self.blade_pass_hz)
+        own = 0.0
+        if self._near is not None:  # a recording whitens lines, too
+            own = self._near.probability(spectra)
+            spectra = without_lines(spectra, self._analyzer.frequencies, self.blade_pass_hz)
         if self._foreign is not None:
             peaks = [peak_of(found, self.array) for found in self._foreign(window.T)[:self.settings.max_sources]]
             if not peaks:
                 return self._nothing(centre, level)
         else:
             peaks = self._estimator.peaks(spectra, self.settings.max_sources)
-        own = 0.0 if self._near is None else self._near.probability(spectra)
         first, *further = (self._estimate_of(peak, k, window, centre, level, own) for k, peak in enumerate(peaks))
         return replace(first, further=tuple(further))
 

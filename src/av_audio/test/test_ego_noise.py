@@ -188,6 +188,22 @@ def test_the_varying_rig_alone_is_no_source():
     assert np.mean(confidences > 0.9) < 0.1
 
 
+def test_a_knock_in_a_recording_costs_no_confidence():
+    """It is no throttle, and its peak is none of the rig."""
+    rng = np.random.default_rng(13)
+    rig = FlyingRig(WIDE_PAIR, rng)
+    alone = rig.alone(rng, 10.0)[0]
+    knocked = alone.copy()
+    blow = rng.normal(size=FLYING_RATE) * np.exp(-np.arange(FLYING_RATE) / 800.0)
+    knocked[2 * FLYING_RATE:3 * FLYING_RATE] += 20.0 * alone.std() * blow[:, None] * [1.0, 0.6]
+    localizers = [Localizer(WIDE_PAIR, FLYING_RATE, LocalizerSettings(hop_s=0.5), NoiseRecording(
+        each.astype(np.float32), FLYING_RATE)) for each in (alone, knocked)]
+    sounds = [rig.hears(rng, rng.normal(size=FLYING_RATE // 2), rng.uniform(-np.pi, np.pi), 12.0)[0] for _ in range(20)]
+    plain, disturbed = (np.mean([one.process(sound, one.next_sample + FLYING_RATE)[0].confidence[0] > 0.9
+                                 for sound in sounds]) for one in localizers)
+    assert disturbed >= plain - 0.1 > 0.5
+
+
 @pytest.mark.parametrize(('array', 'rigs'), [(WIDE_PAIR, 3), (RING, 1)], ids=['pair', 'ring'])
 def test_a_rig_alone_hears_hardly_anything(array, rigs):
     """What whitening leaves of own noise has its own places: neither the highest peak there nor the next one is a source."""
