@@ -99,6 +99,50 @@ def heard(sound: NDArray, microphones: MicrophoneArray, directions: NDArray) -> 
     return spline(time[:, np.newaxis] + np.atleast_2d(directions) @ microphones.positions.T / SPEED)
 
 
+def hum(rng: Generator, count: int) -> NDArray:
+    """A rotor near 95 turns/s whose speed wanders by 1.5 %, with two blades and as much noise of the air."""
+    time = np.arange(count) / RATE
+    knots = np.linspace(0.0, time[-1], round(3.0 * time[-1]) + 2)
+    turns = rng.uniform(80.0, 110.0) * np.cumsum(1.0 + 0.015 * np.interp(time, knots, rng.normal(size=len(knots)))) / RATE
+    tone = sum(k**-0.8 * np.cos(4.0 * np.pi * k * turns + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 30))
+    air = band_noise(rng, count, 1.0, (100.0, 10_000.0)) * (1.0 + 0.5 * np.cos(4.0 * np.pi * turns))
+    return tone / np.std(tone) + air
+
+
+def rattle(rng: Generator, count: int) -> NDArray:
+    """A wheel on gravel: 400 blows a second, each of 1 ms, and the whine of its gear."""
+    blows = np.zeros(count)
+    np.add.at(blows, rng.integers(0, count, count * 400 // RATE), rng.normal(size=count * 400 // RATE))
+    stones = np.convolve(blows, np.exp(-np.arange(300) / 50.0) * np.cos(0.2 * np.arange(300)))[:count]
+    gear = wing_beat(rng, count)
+    return stones / stones.std() + 0.5 * gear
+
+
+def rig_alone(voice: Voice, microphones: MicrophoneArray, seed: int, seconds: float) -> tuple[NDArray, NDArray]:
+    """Two pieces (n, m) of the sound of four rotors or wheels of a rig, at other times, with 1 % of noise of each microphone.
+
+    Parameters:
+        voice: of one of them; each is about as loud, and its level varies by 1 dB from second to second.
+        microphones: they are amid the four, which are 0.2 to 0.35 m away and below.
+        seed: of the rig.
+        seconds: of each piece.
+    """
+    rng, count = np.random.default_rng([seed, 44]), round(2.0 * seconds * RATE)
+    arm, turn, sound = rng.uniform(0.2, 0.35), rng.uniform(-0.1, 0.1), np.zeros((count, microphones.channels))
+    time = np.arange(count) / RATE
+    for corner in range(4):
+        angle = 0.5 * math.pi * corner + 0.25 * math.pi + turn
+        place = np.array([arm * math.cos(angle), arm * math.sin(angle), -0.1])
+        distances = np.linalg.norm(microphones.positions - place, axis=1)
+        level = np.interp(time, np.arange(0.0, 2.0 * seconds + 2.0), rng.normal(size=round(2.0 * seconds) + 2))
+        spline = CubicSpline((np.arange(count + 2 * MARGIN) - MARGIN) / RATE, voice(rng, count + 2 * MARGIN))
+        sound += 10.0 ** (0.05 * (level + rng.normal()))[:, np.newaxis] * spline(
+            time[:, np.newaxis] - distances / SPEED) / distances
+    sound += 0.01 * sound.std() * rng.normal(size=sound.shape)
+    sound = (0.05 / sound.std() * sound).astype(np.float32)
+    return sound[:count // 2], sound[count // 2:]
+
+
 def band_power(sound: NDArray) -> float:
     """Power (of the first channel) in BAND."""
     frequencies = np.fft.rfftfreq(len(sound), 1.0 / RATE)
