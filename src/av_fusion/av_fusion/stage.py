@@ -118,7 +118,7 @@ class FusionStage:
         self.gate = InputGate((DOA, *detections, ODOMETRY), CLOCK_TOLERANCE_S)
         self._observer = observer
         self._period = 1.0 / RATE_HZ
-        self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
+        self._visibility = (-math.inf, math.nan, 1.0)  # stamp of the image, visibility, share that is searched
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
@@ -164,7 +164,8 @@ class FusionStage:
         """Store the visibility for images of about the same time of the first camera."""
         if 'visibility' in self.gate.contested:
             return
-        self._visibility = (to_seconds(message.header.stamp), message.visibility)
+        searched = 1.0 - message.unsearched if 0.0 <= message.unsearched <= 1.0 else 1.0
+        self._visibility = (to_seconds(message.header.stamp), message.visibility, searched)
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Take the camera model that detections refer to."""
@@ -262,7 +263,7 @@ class FusionStage:
             self.tracker.reset()
             self.tracker.motion.restart()
             self.gate.restart()
-            self._visibility, self._last_output, self._cued = (-math.inf, math.nan), -math.inf, -math.inf
+            self._visibility, self._last_output, self._cued = (-math.inf, math.nan, 1.0), -math.inf, -math.inf
             for waiting in self._waiting.values():
                 waiting.clear()
         self._now = now
@@ -295,9 +296,10 @@ class FusionStage:
     def _use(self, name: str, message: Any, arrival: float) -> bool:
         if name == DOA:
             return self._use_doa(message, arrival)
-        stamp, visibility = self._visibility
-        near = name == DETECTIONS and abs(to_seconds(message.header.stamp) - stamp) < VISIBILITY_AGE_S
-        return self._use_detections(message, arrival, visibility if near else math.nan)
+        stamp, visibility, searched = self._visibility
+        if name != DETECTIONS or abs(to_seconds(message.header.stamp) - stamp) >= VISIBILITY_AGE_S:
+            visibility, searched = math.nan, 1.0
+        return self._use_detections(message, arrival, visibility, searched if message.detections else 1.0)
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
         measurements = self.converter.doa(message)
@@ -309,8 +311,8 @@ class FusionStage:
         self.tracker.add_doas(measurements)
         return True
 
-    def _use_detections(self, message: Detection2DArray, arrival: float, visibility: float) -> bool:
-        measurement = self.converter.detections(message, visibility)
+    def _use_detections(self, message: Detection2DArray, arrival: float, visibility: float, searched: float) -> bool:
+        measurement = self.converter.detections(message, visibility, searched)
         if measurement is None:
             return False
         if self._gimbal is not None:

@@ -139,7 +139,8 @@ class MultiTargetTracker:
         self.filter.update_image(time, measurement)
         followed = next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
         score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0
-        self.machine.on_image(time, score, measurement.camera)
+        if score > 0.0 or measurement.searched == 1.0:    # else it may not have been looked for
+            self.machine.on_image(time, score, measurement.camera)
         if self.looks is not None:
             self.looks.on_image(time, measurement, self.motion, score >= self.machine.tau)
 

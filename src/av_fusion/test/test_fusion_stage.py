@@ -179,6 +179,25 @@ def test_a_second_camera_that_looks_elsewhere_takes_nothing_from_what_the_first_
     assert output.state.front_probability < 0.05
 
 
+@pytest.mark.parametrize(('unsearched', 'is_left'), [(0.9, True), (0.0, False), (math.nan, False)])
+def test_an_image_that_was_searched_in_part_is_no_evidence_against_what_it_does_not_show(unsearched, is_left):
+    """A pair hears a drone ahead beside another one, which is all that the looked-at part of each image shows for a second.
+
+    A detector that says nothing of that searches all of its images, as it always has.
+    """
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    for k in range(20):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        stage.on_visibility(Visibility(header=detections(now).header, visibility=0.9, unsearched=unsearched))
+        output = stage.on_doa(doa(now - 0.3, -0.3), now)
+        if k >= 10:
+            output = stage.on_detections(detections(now - 0.1, (319.5 - 457.0 * math.tan(0.3), 0.9, 'drone')), now)
+    other = next(one for one in output.targets.tracks if not one.last_seen.sec)
+    assert (abs(other.azimuth) < 1.0) == is_left
+
+
 def test_a_stamp_of_another_clock_is_counted_and_not_used():
     recorder = Recorder()
     stage = make_stage(recorder)

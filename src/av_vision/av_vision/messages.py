@@ -153,7 +153,8 @@ def visibility_message(header: Header, visibility: Visibility) -> VisibilityMess
         header: header of the image.
         visibility: the estimate.
     """
-    return VisibilityMessage(header=header, visibility=float(visibility.share), range=float(visibility.range))
+    return VisibilityMessage(header=header, visibility=float(visibility.share), range=float(visibility.range),
+                             unsearched=float(visibility.unsearched))
 
 
 def header_of(message: Any) -> Header:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from av_vision.yolo.detector import OVERLAP
 from av_vision.yolo.letterbox import Region, tile_corners
 
-SMOOTHING = 0.1  # weight of the newest duration of a search
+SMOOTHING = 0.1  # weight of the newest search in means
 CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
 CONTEXT = 3.0                      # side of a crop in units of its object
 TRACK_S, BEARING_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.25, 1.5  # periods of the cues
@@ -37,11 +37,13 @@ class Cue(NamedTuple):
         centre (2,; pixels): the place.
         size (pixels): of the object.
         age (s): time since the last look at it.
+        is_target: whether it is reported, so that not to look there would be taken for its absence.
     """
 
     centre: NDArray
     size: float
     age: float
+    is_target: bool = False
 
 
 class BearingCue(NamedTuple):
@@ -63,6 +65,7 @@ class RegionPlanner:
         regions: number of regions in an image; from FULL on the whole image is searched instead.
         planned: number of regions of the last image, 0 for all of it.
         counts: how often each kind was selected.
+        share: of the image that is searched for small objects, mean over the last images.
 
     Parameters:
         longest (pixels): longer side of the whole image as input; regions are enlarged as much, or not at all.
@@ -74,6 +77,7 @@ class RegionPlanner:
         self.regions = regions
         self.planned = 0
         self.counts: Counter[str] = Counter()
+        self.share = 1.0
         self._longest, self._near = longest, near
         self.reset()
 
@@ -99,10 +103,13 @@ class RegionPlanner:
             self._begin(shape, time)
             self.counts['full'] += 1
             self.planned = 0
+            self._note_share(1.0)
             return []
         followed, cues = self._due_tracks(tracks), self._due_cues(time, bearing)
         due = sorted([*followed, *self._due_tiles(time, bearing), *cues], key=lambda one: -one[0])
-        target = next((one for one in (*followed, *cues) if one[1].kind in ('track', 'bearing')), None)
+        targets = [one for one, cue in zip(followed, tracks, strict=True) if cue.is_target]
+        target = max(targets, key=lambda one: one[0], default=next(
+            (one for one in (*followed, *cues) if one[1].kind in ('track', 'bearing')), None))
         self._images += 1
         if target is not None:
             due.remove(target)
@@ -113,12 +120,16 @@ class RegionPlanner:
             if region.kind == 'tile':
                 self._looked[self._tiles.index((region.x, region.y))] = time
         self.planned = len(regions)
+        self._note_share(sum(region.width * region.height for region in regions if not region.least) / (shape[0] * shape[1]))
         self.counts.update(region.kind for region in regions)
         return regions
 
     def searched(self, time: float) -> bool:
         """Whether every part of the image has been looked at recently, at a capture time (s)."""
         return bool(time - self._looked.min(initial=time) <= SEARCHED_S)
+
+    def _note_share(self, share: float) -> None:
+        self.share += SMOOTHING * (min(share, 1.0) - self.share)
 
     @property
     def _side(self) -> int:

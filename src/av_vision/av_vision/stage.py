@@ -153,6 +153,8 @@ class DetectionStage:
         detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
         visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
+        if visibility is not None and self.detector.planner is not None:
+            visibility = replace(visibility, unsearched=1.0 - self.detector.planner.share)
         complete = len(detections) or self.detector.searched(time)
         return (detections_message(header, detections, tracks) if complete else None,
                 None if visibility is None else visibility_message(header, visibility))

@@ -131,7 +131,8 @@ class TemporalDetector:
     def _cues(self, time: float) -> list[Cue]:
         """Where tracks are expected, those that are most likely of a class to report first."""
         ranked = sorted(self._tracker.tracks, key=lambda track: -track.scores.probabilities()[self.detector.kept].max())
-        return [Cue(track.predicted(time), float(track.size.max()), time - track.looked) for track in ranked[:MOST_TRACKS]]
+        return [Cue(track.predicted(time), float(track.size.max()), time - track.looked, self._is_likely(track))
+                for track in ranked[:MOST_TRACKS]]
 
     def reset(self) -> None:
         """Discard all tracks; their numbers are not used again."""

@@ -223,7 +223,10 @@ def test_a_drone_that_no_region_held_is_not_reported_as_absent(monkeypatch):
         return Candidates(np.array([[130.0, 100.0, 170.0, 140.0]])[:held], probabilities[:held])
 
     monkeypatch.setattr(detector, 'candidates', candidates)
-    answers = [stage.on_image(image_at(5.0 + k / 15.0, black), 5.0)[0] for k in range(90)]
+    given = [stage.on_image(image_at(5.0 + k / 15.0, black), 5.0) for k in range(90)]
+    answers = [answer for answer, _ in given]
+    unsearched = [visibility.unsearched for _, visibility in given if visibility is not None]
+    assert unsearched[0] == 0.0 and 0.5 < unsearched[-1] < 1.0    # one region of each image holds a small part of it
     counts = [len(answer.detections) for answer in answers if answer is not None]
     assert set(counts) == {1} and 30 < len(counts) < 90
     there = False

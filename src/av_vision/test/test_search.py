@@ -63,6 +63,20 @@ def test_the_target_has_most_looks_where_there_is_time_for_one(pace, bearing):
     assert sum(kind == 'tile' for kind, *_ in near) == 12 and ('near', 0, 0) in near
 
 
+@pytest.mark.parametrize('count', [2, 3])
+def test_where_there_is_time_for_one_all_reported_tracks_have_their_turn(count):
+    """Else that of the highest score has all looks, and the others count as gone."""
+    plan, looked, hits = planner(1), np.zeros(count), np.zeros(count)
+    plan.plan(SHAPE, 0.0, [])
+    for k in range(1, 121):
+        time = 0.1 * k
+        cues = [Cue(np.array([100.0 + 180.0 * n, 250.0]), 20.0, time - looked[n], True) for n in range(count)]
+        region, = plan.plan(SHAPE, time, cues)
+        seen = [region.kind == 'track' and region.holds(cue.centre, 20.0) for cue in cues]
+        hits, looked = hits + seen, np.where(seen, time, looked)
+    assert hits.min() > 0.8 * hits.max() and hits.sum() > 0.7 * 120
+
+
 def test_a_large_object_gets_a_large_region():
     plan = planner()
     plan.plan(SHAPE, 0.0, [])

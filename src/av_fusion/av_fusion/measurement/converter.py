@@ -101,12 +101,13 @@ class MeasurementConverter:
         rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
         return [] if rotation is None else doa_in_body(message, rotation)
 
-    def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
+    def detections(self, message: Any, visibility: float = math.nan, searched: float = 1.0) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.
 
         Parameters:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
+            searched: share of the view that was searched.
 
         Raises ValueError where all boxes of target classes are impossible (such an image is no empty one), and for a frame that
         is no optical one.
@@ -125,7 +126,7 @@ class MeasurementConverter:
             return None
         return usable_camera(CameraMeasurement(
             time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad,
-            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame))
+            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame, searched))
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []

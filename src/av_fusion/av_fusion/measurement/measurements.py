@@ -131,6 +131,7 @@ class CameraMeasurement(NamedTuple):
         visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
         view: rotation of the camera (x through the middle of its field of view, z up in the image) on the body.
         camera: name of its frame.
+        searched: share of the view that was searched.
     """
 
     time: float
@@ -140,6 +141,7 @@ class CameraMeasurement(NamedTuple):
     visibility: float = math.nan
     view: Rows = IDENTITY
     camera: str = ''
+    searched: float = 1.0
 
     @property
     def best(self) -> Detection | None:

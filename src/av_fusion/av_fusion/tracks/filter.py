@@ -163,7 +163,7 @@ class MultiBernoulliFilter:
                     begun.mixture.note_measured(seen=time, camera=camera)
                     begun.score = detection.score
                     begun.note_kind(Source.SIGHT, [detection.score], [clear])
-        view_share = 2.0 * measurement.half_view * UNIFORM_DENSITY
+        view_share = measurement.searched * 2.0 * measurement.half_view * UNIFORM_DENSITY
         self._detect(view_share * settings.detection_probability * image.visibility, fraction)
         self._reduce(time)
 

@@ -73,7 +73,8 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
         image: the image.
         detected: probability that a target in view is detected where nothing hides it.
     """
-    chance = detected * math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
+    in_view = math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
+    chance = detected * image.measurement.searched * in_view
     width, directions = 2.0 * image.measurement.half_view, []
     for detection, direction in zip(image.measurement.detections, image.directions, strict=True):
         deviations = direction.deviations(past)

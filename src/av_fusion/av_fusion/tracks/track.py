@@ -319,7 +319,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
             component.newest_sighting = max(component.newest_sighting, image.time)
         hidden = compared.missed / likelihood  # what was detected is not hidden
     if hidden > ASSOCIATED and visible > 0.0:
-        _update_by_absence(image, compared, visible * detected)
+        _update_by_absence(image, compared, visible * detected * image.measurement.searched)
     component.update_hidden(image.measurement.camera, compared.chance, image.fraction, hidden)
     component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
     return score
