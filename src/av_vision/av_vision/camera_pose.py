@@ -15,6 +15,7 @@ from av_common.quaternions import Quaternion, between
 from av_common.timeline import Timeline
 
 KEEP_S = 4.0     # how long attitudes are kept
+STEEP = 0.5      # cosine of the elevation beyond which a camera looks up or down
 LATEST_S = 0.2   # how far an image may be from the newest attitude
 
 
@@ -31,6 +32,12 @@ class CameraPose:
     camera: PinholeCamera
     to_body: NDArray[np.float64]
     to_world: NDArray[np.float64] | None = None
+
+    @property
+    def quarters(self) -> int:
+        """Quarter turns to the left that set the image upright on a level body; 0 for a camera that looks up or down."""
+        right, down, _ = self.to_body[2]
+        return round(math.atan2(right, -down) / (0.5 * math.pi)) % 4 if math.hypot(right, down) > STEEP else 0
 
 
 def turned(pixels: NDArray, before: CameraPose, now: CameraPose) -> NDArray[np.float64]:

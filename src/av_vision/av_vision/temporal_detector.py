@@ -15,7 +15,7 @@ from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
 from av_vision.search import BearingCue, Cue, RegionPlanner
 from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
-from av_vision.yolo.letterbox import Region
+from av_vision.yolo.letterbox import Region, turned_boxes, turned_region
 
 MOST_TRACKS = 4  # that are looked at for their own sake
 
@@ -74,7 +74,23 @@ class TemporalDetector:
             self._tracker.turn(lambda pixels: turned(pixels, before, pose))
         self._pose = pose
         regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing) if self.planner else ()
-        return self.detector.candidates(image, self.model.floor, regions), regions
+        return self._upright(image, regions, 0 if pose is None else pose.quarters), regions
+
+    def _upright(self, image: NDArray, regions: Sequence[Region], quarters: int) -> Candidates:
+        """Candidates in an image that is searched upright: networks know no drones that fly on their side, or upside down.
+
+        Parameters:
+            image (h, w[, channels]): as the camera gives it.
+            regions: of it, to be searched; none for all of it.
+            quarters: quarter turns to the left that set it upright.
+        """
+        if not quarters:
+            return self.detector.candidates(image, self.model.floor, regions)
+        height, width = image.shape[:2]
+        turned_image = np.ascontiguousarray(np.rot90(image, quarters))
+        found = self.detector.candidates(turned_image, self.model.floor,
+                                         [turned_region(region, quarters, width, height) for region in regions])
+        return replace(found, boxes=turned_boxes(found.boxes, -quarters, *turned_image.shape[1::-1]))
 
     def fuse(self, candidates: Candidates, time: float, regions: Sequence[Region] = ()) -> tuple[Detections, list[int]]:
         """Detections and their track numbers from the candidates of an image.

@@ -243,3 +243,37 @@ def test_images_of_another_size_than_their_camera_info_are_refused_with_both_siz
     info.binning_x = info.binning_y = 2
     stage.on_camera_info(info)
     assert stage.on_image(image_at(5.1), 5.1)[0] is not None
+
+
+@pytest.mark.parametrize('quarters', [0, 1, 2, 3])
+def test_the_network_sees_images_of_a_camera_that_is_mounted_rolled_upright(monkeypatch, quarters):
+    """Sky above, whatever the roll of the mount; boxes are in the image as it came, also where a region alone is searched."""
+    upright = np.zeros((480, 640, 3), np.uint8)
+    upright[:240] = 90
+    upright[100:120, 300:330] = 255
+    image = np.ascontiguousarray(np.rot90(upright, -quarters))
+    ys, xs = np.nonzero(image[..., 0] == 255)
+    roll = 0.5 * math.pi * quarters    # of the camera to its left, about its axis
+    turn = np.array([[math.cos(roll), math.sin(roll), 0.0], [-math.sin(roll), math.cos(roll), 0.0], [0.0, 0.0, 1.0]])
+    stage = make('', regions=1)
+    stage.mount(lambda frame, time: FLU_TO_OPTICAL.T @ turn, PinholeCamera.from_fov(image.shape[1], image.shape[0], 1.2))
+    detector, given = stage.detector.detector, []
+    probabilities = np.eye(4)[[detector._names.index('drone')]] * 0.9
+
+    def candidates(searched, floor, regions):
+        given.append(searched)
+        rows, columns = np.nonzero(searched[..., 0] == 255)
+        box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], float)
+        centre, size = 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2]).max())
+        held = not regions or any(region.holds(centre, size) for region in regions)
+        return Candidates(box[None][:held], probabilities[:held])
+
+    monkeypatch.setattr(detector, 'candidates', candidates)
+    answers = [stage.on_image(image_at(5.0 + 0.1 * k, image), 5.0)[0] for k in range(12)]
+    assert all(np.array_equal(one, upright) for one in given)
+    boxes = [one.detections[0].bbox for one in answers if one is not None]
+    assert len(boxes) > 6
+    for box in boxes:
+        centre = box.center.position.x, box.center.position.y
+        assert centre == (0.5 * (xs.min() + xs.max() + 1), 0.5 * (ys.min() + ys.max() + 1))
+        assert (box.size_x, box.size_y) == (np.ptp(xs) + 1, np.ptp(ys) + 1)

@@ -98,6 +98,33 @@ class Region(NamedTuple):
                     and size >= self.least)
 
 
+def turned_boxes(boxes: NDArray, quarters: int, width: int, height: int) -> NDArray:
+    """Where boxes (n, 4) of an image are in it once `np.rot90` has turned it.
+
+    Parameters:
+        boxes (n, 4) (pixels): x1, y1, x2, y2.
+        quarters: quarter turns to the left.
+        width, height (pixels): size of the image before.
+    """
+    for _ in range(quarters % 4):
+        x1, y1, x2, y2 = boxes.T
+        boxes, width, height = np.stack([y1, width - x2, y2, width - x1], axis=1), height, width
+    return boxes
+
+
+def turned_region(region: Region, quarters: int, width: int, height: int) -> Region:
+    """A region of an image in the turned image, see `turned_boxes`.
+
+    Parameters:
+        region: the part of the image.
+        quarters: quarter turns to the left.
+        width, height (pixels): size of the image before.
+    """
+    box = np.array([[region.x, region.y, region.x + region.width, region.y + region.height]])
+    x1, y1, x2, y2 = turned_boxes(box, quarters, width, height)[0].tolist()
+    return region._replace(x=x1, y=y1, width=x2 - x1, height=y2 - y1)
+
+
 def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
     """Top-left corners (x, y) of square tiles that cover an image evenly with at least the share `overlap` in common.
 
