@@ -20,6 +20,7 @@ from av_audio.messages import doa_array, samples_of
 from av_audio.wind import WindMeter
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
+from av_common.rate_meter import MISSING_AFTER_S
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
 
@@ -47,7 +48,7 @@ class DoaStage:
         self._settings = settings or LocalizerSettings()
         self.ego_noise = EgoLearning(ego_noise)
         self._rotor_blades = rotor_blades
-        self._blade_pass_hz = np.zeros(0)
+        self._blade_pass_hz, self._speeds_age_s = np.zeros(0), 0.0  # of sound since the newest motor speeds
         self._drone_model = drone_model
         self._localizer: Localizer | None = None
         self._usable: list[int] = []  # channels without severe faults
@@ -103,11 +104,11 @@ class DoaStage:
             self._health.clear()
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
-        """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
+        """Take the speeds of the motors in rad/s, which hold for 1 s. Signs, and values that are not finite, do not matter."""
         if not self._rotor_blades:
             return
         speeds = np.abs(np.asarray(message.data, dtype=float))
-        self._blade_pass_hz = self._rotor_blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi)
+        self._blade_pass_hz, self._speeds_age_s = self._rotor_blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi), 0.0
 
     def on_audio(self, frame: AudioFrame, arrival: float) -> list[DoaArray]:
         """Directions for every window that a frame completes.
@@ -153,6 +154,9 @@ class DoaStage:
         if len(frame.samples) > longest:
             raise ValueError(f'{len(frame.samples)} samples in a frame, expected at most {longest} ({LONGEST_FRAME_S:g} s)')
         samples = samples_of(frame)
+        self._speeds_age_s += len(samples) / frame.sample_rate
+        if self._speeds_age_s > MISSING_AFTER_S:
+            self._blade_pass_hz = np.zeros(0)
         localizer = self._prepare(frame.sample_rate)
         localizer.blade_pass_hz = self._blade_pass_hz
         before, without = localizer.restarts, localizer.without_phases

@@ -126,6 +126,16 @@ def test_motor_speeds_notch_the_rigs_own_rotors():
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
 
+def test_motor_speeds_that_end_are_forgotten():
+    """The node says then that nothing is notched; rotors turn at other speeds by now."""
+    stage = DoaStage(PAIR, rotor_blades=2)
+    stage.on_motor_speeds(Float32MultiArray(data=[500.0]))
+    feed(stage, sound(0.9))
+    assert len(stage.blade_pass_hz)
+    feed(stage, sound(0.3), first_sample=round(0.9 * RATE), stamp=100.9)
+    assert not len(stage.blade_pass_hz)
+
+
 def test_a_stage_is_made_of_the_parameters_of_doa_node(tmp_path):
     PAIR.save(tmp_path / 'pair.yaml')
     soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE)

@@ -50,6 +50,9 @@ def test_the_program_records_and_judges(tmp_path, monkeypatch, capsys):
     RING.save(tmp_path / 'pair.yaml')
     with pytest.raises(SystemExit, match=r'expected \(n, 8\)'):
         record_ego_noise.main([*arguments, '--judge'])
+    with pytest.raises(SystemExit):
+        record_ego_noise.main([*arguments, '--judge', '--channels', '1', '0'])
+    assert '--judge takes the file as doa_node does' in capsys.readouterr().err
 
 
 def test_one_microphone_in_two_channels_is_no_recording_of_two():

@@ -36,7 +36,11 @@ def record(options: argparse.Namespace, array: MicrophoneArray) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. Exits with the code of the verdict, or returns if the recording is worth having."""
-    options = make_parser().parse_args(arguments)
+    parser = make_parser()
+    options = parser.parse_args(arguments)
+    if options.judge and (options.channels or options.throttle or options.device):
+        parser.error('--channels, --throttle and --device are for recording; --judge takes the file as doa_node does, with one '
+                     'channel for each microphone')
     try:
         array = MicrophoneArray.load(options.array)
         if not options.judge:

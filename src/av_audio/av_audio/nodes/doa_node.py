@@ -93,6 +93,7 @@ class DoaNode(RigNode):
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
         status.add('directions without phases', str(self._stage.without_phases))
+        status.add('blade pass of own rotors', ', '.join(f'{hz:.0f} Hz' for hz in self._stage.blade_pass_hz) or 'none')
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS; of the channels ' +
                        ', '.join(f'{level:.1f}' for level in self._stage.levels_dbfs))
