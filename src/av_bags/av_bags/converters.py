@@ -24,7 +24,7 @@ from av_common.frames import BASE_FRAME, attitude_of
 from av_common.quaternions import Quaternion as Orientation
 from av_common.quaternions import inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import AudioFrame, DoaArray
+from av_interfaces.msg import AudioFrame, DoaArray, Visibility
 from av_vision.messages import image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
@@ -74,7 +74,7 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     """
     kind = bag.topics[topic].kind
     if kind == names.KINDS[name][0]:
-        return unjudged if name == names.DOA and bag.is_older(topic) else None
+        return {names.DOA: unjudged, names.VISIBILITY: searched}.get(name) if bag.is_older(topic) else None
     if name == names.AUDIO:
         return AudioBytes(layout or _described_layout(bag, topic))
     return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())
@@ -150,14 +150,30 @@ class Poses:
 
 def unjudged(message: Any, _: int) -> Iterable[DoaArray]:
     """Directions of arrival of an earlier release: what that did not tell of a sound is NaN."""
-    directions = DoaArray()
-    fields = asdict(message, dict_factory=lambda items: {name: value for name, value in items if name != '__msgtype__'})
-    set_message_fields(directions, fields)
+    directions = _installed(message, DoaArray)
     for hypothesis, recorded in zip(directions.hypotheses, message.hypotheses, strict=True):
         for name in ('drone_probability', 'fundamental', 'fundamental_variance'):
             if not hasattr(recorded, name):
                 setattr(hypothesis, name, math.nan)
     return [directions]
+
+
+def searched(message: Any, _: int) -> Iterable[Visibility]:
+    """Visibility of an earlier release, to which images were searched whole."""
+    return [_installed(message, Visibility)]
+
+
+def _installed(message: Any, kind: type[Any]) -> Any:
+    """A message of rosbags as one of the installed class; what it lacks has its default.
+
+    Parameters:
+        message: of a bag.
+        kind: the class.
+    """
+    whole = kind()
+    set_message_fields(whole, asdict(message, dict_factory=lambda items: {name: value for name, value in items
+                                                                          if name != '__msgtype__'}))
+    return whole
 
 
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:

@@ -33,7 +33,7 @@ FOREVER = 2**63 - 1  # ns, the largest time of a bag
 NO_FIELD = 'structure_needs_at_least_one_member'    # that of a definition without fields, in rosbags and ROS
 # Fields in which releases differ; bags with other ones are read (`converters`), and values that they lack are unknown.
 OTHER_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
-                          'Track.identity_probability', 'Track.fundamental'})
+                          'Track.identity_probability', 'Track.fundamental', 'Visibility.unsearched'})
 _IN_ADDRESSES = frozenset('?#%')
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()

@@ -77,3 +77,18 @@ def test_directions_of_a_release_that_did_not_judge_sounds_are_unknown(tmp_path)
         read = [record.message for record in Feed(bag, {'doa': '/doa'})]
     assert [[h.azimuth for h in message.hypotheses] for message in read] == expected
     assert all(np.isnan(getattr(h, name)) for message in read for h in message.hypotheses for name in added)
+
+
+def test_images_of_a_release_that_did_not_state_what_was_searched_count_as_searched_whole(tmp_path):
+    kind = 'av_interfaces/msg/Visibility'
+    older = get_typestore(Stores.EMPTY)
+    text = make.TYPES.generate_msgdef(kind, ros_version=2)[0].split('=' * 80)[0]
+    lines = [line for line in text.splitlines() if not line.endswith('unsearched')]
+    older.register({**make.TYPES.fielddefs, **get_types_from_msg('\n'.join(lines), kind)})
+    header = make.TYPES.types['std_msgs/msg/Header'](make.TYPES.types['builtin_interfaces/msg/Time'](1000, 0), 'camera')
+    with Writer(tmp_path / 'older', version=9) as writer:
+        connection = writer.add_connection('/visibility', kind, typestore=older)
+        writer.write(connection, 1000 * 10**9, bytes(older.serialize_cdr(older.types[kind](header, 0.75, 40.0), kind)))
+    with Bag(tmp_path / 'older') as bag:
+        read, = [record.message for record in Feed(bag, {'visibility': '/visibility'})]
+    assert (read.visibility, read.unsearched, read.range, read.header.stamp.sec) == (0.75, 0.0, 40.0, 1000)
