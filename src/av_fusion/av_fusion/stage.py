@@ -299,7 +299,7 @@ class FusionStage:
         stamp, visibility, searched = self._visibility
         if name != DETECTIONS or abs(to_seconds(message.header.stamp) - stamp) >= VISIBILITY_AGE_S:
             visibility, searched = math.nan, 1.0
-        return self._use_detections(message, arrival, visibility, searched if message.detections else 1.0)
+        return self._use_detections(message, arrival, visibility, searched)
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
         measurements = self.converter.doa(message)

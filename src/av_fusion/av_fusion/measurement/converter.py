@@ -107,7 +107,7 @@ class MeasurementConverter:
         Parameters:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
-            searched: share of the view that was searched.
+            searched: share of the view that was searched where anything is detected; an image without stands for all of it.
 
         Raises ValueError where all boxes of target classes are impossible (such an image is no empty one), and for a frame that
         is no optical one.
@@ -126,7 +126,8 @@ class MeasurementConverter:
             return None
         return usable_camera(CameraMeasurement(
             time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad,
-            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame, searched))
+            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame,
+            searched if message.detections else 1.0))
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []
