@@ -10,12 +10,11 @@ import numpy as np
 from formula_rig import FormulaRig, Moment, Source, azimuth_of, never, unit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scoring import SOMEWHERE, score_of
 
 from av_interfaces.msg import Bearing
 
 BEGIN_S, EVERY_S = 1.0, 0.25  # of the outputs that count
-SOMEWHERE = 1.0 / math.tau  # density of a bearing that may be any
-UNMODELLED = 0.02  # share of what no bearing expects, so that a score stays finite
 FALSE = math.log(0.05)  # score of following what is no target
 LOOK_RATE = math.radians(40.0)  # rad/s, of a rig that turns as it is asked to
 
@@ -85,7 +84,7 @@ def _passing(t: float) -> NDArray:
 
 
 def scores(runs: int) -> dict[str, list[float]]:
-    """The mean score of each run of each scenario: logarithm of the density of the bearing at the truth (Good, 1952).
+    """The mean score of each run of each scenario: see `score_of`, of the bearings.
 
     Parameters:
         runs: of each scenario, with other measurements.
@@ -122,13 +121,15 @@ def _score(rig: FormulaRig, name: str) -> float:
             follows = moment.bearing.state != Bearing.STATE_NONE
             if alone:
                 values.append(FALSE if follows else 0.0)
+            elif follows:
+                values.append(max(_score_at(moment, rig.body(moment.t, k)) for k in sources))
             else:
-                values.append(max(_density(moment, rig.body(moment.t, k)) for k in sources) if follows else math.log(SOMEWHERE))
+                values.append(score_of(SOMEWHERE))
     return float(np.mean(values))
 
 
-def _density(moment: Moment, truth: NDArray) -> float:
-    """Logarithm of the bearing's density at a direction (3,) in the body: a Gaussian on either side of the axis to the left."""
+def _score_at(moment: Moment, truth: NDArray) -> float:
+    """Score of a bearing at a direction (3,) in the body: a Gaussian on either side of the axis to the left."""
     bearing, azimuth = moment.bearing, math.radians(azimuth_of(truth))
     density = 0.0
     for share, place in ((bearing.hemisphere_probability, bearing.azimuth),
@@ -136,4 +137,4 @@ def _density(moment: Moment, truth: NDArray) -> float:
         error = math.remainder(place - azimuth, math.tau)
         variance = bearing.azimuth_variance
         density += share * math.exp(-0.5 * error**2 / variance) / math.sqrt(math.tau * variance)
-    return math.log(UNMODELLED * SOMEWHERE + (1.0 - UNMODELLED) * density)
+    return score_of(density)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scoring import SOMEWHERE, UNMODELLED, score_of
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
@@ -23,8 +24,6 @@ from av_evaluation.hearing.trials import C
 
 WINDOW_S = 0.5
 PAIR, RING = ARRAYS[0], ARRAYS[-1]
-SOMEWHERE = 1.0 / math.tau  # density of a direction that may be any
-UNMODELLED = 0.02  # share of what no estimate expects, so that a score stays finite
 INSTALLED_RAD = math.radians(0.5)  # to which a rig knows how its microphones are turned
 FALSE_RAD = math.radians(20.0)  # error of a direction that is none of the sources'
 
@@ -121,7 +120,7 @@ def _own_rotors(array: MicrophoneArray, levels_db: tuple[float, ...], sources: l
 
 
 def scores(drawn: dict[str, list[Case]]) -> dict[str, list[float]]:
-    """The score of each window: logarithm of the density that the estimates give the true directions (Good, 1952).
+    """The score of each window: see `score_of`, of what the estimates say of the true directions.
 
     Parameters:
         drawn: windows by name of the case.
@@ -151,7 +150,7 @@ def score(estimate: DoaEstimate, azimuths: tuple[float, ...]) -> float:
     nothing = float(np.prod(np.subtract(1.0, confidences)))
     for azimuth in azimuths:
         densities = [confidence * _density(one, azimuth) for one, confidence in zip(found, confidences, strict=True)]
-        total += math.log(UNMODELLED * SOMEWHERE + (1.0 - UNMODELLED) * (sum(densities) + nothing * SOMEWHERE))
+        total += score_of(sum(densities) + nothing * SOMEWHERE)
     for one, confidence in zip(found, confidences, strict=True):
         if all(np.abs(wrap(one.azimuth - azimuth)).min() > FALSE_RAD for azimuth in azimuths):
             total += math.log(max(1.0 - confidence, UNMODELLED))

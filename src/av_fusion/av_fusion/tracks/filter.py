@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import combinations
@@ -53,7 +54,8 @@ class MultiBernoulliFilter:
         self.tracks: list[Track] = []
         self.newest = self.newest_doa = -math.inf
         # Of each camera: the errors of one tell nothing about those of another.
-        self._newest_image, self._newest_sighting = dict[str, float](), dict[str, float]()
+        self._newest_image: defaultdict[str, float] = defaultdict(lambda: -math.inf)
+        self._newest_sighting = self._newest_image.copy()
         self._undetected = self._settings.undetected_first
 
     def turn_world(self, rows: Rows) -> None:
@@ -134,11 +136,9 @@ class MultiBernoulliFilter:
             measurement: the image's detections in the body frame.
         """
         settings, detections, camera = self._settings, measurement.detections, measurement.camera
-        before = self._newest_sighting if detections else self._newest_image
-        fraction = effective_sample_fraction(time, before.get(camera, -math.inf), settings.sight_correlation)
-        for newest in (self._newest_image, self._newest_sighting)[:1 + bool(detections)]:
-            newest[camera] = max(newest.get(camera, -math.inf), time)
-        self.newest = max(self.newest, time)
+        newest = self._newest_sighting if detections else self._newest_image
+        fraction = effective_sample_fraction(time, newest[camera], settings.sight_correlation)
+        self._newest_image[camera], self.newest = max(self._newest_image[camera], time), max(self.newest, time)
         places = [track.predict(time) for track in self.tracks]
         image = Image.of(time, measurement, self._motion.attitude(time), settings.assumed_visibility, fraction)
         for track in self.tracks:
@@ -151,6 +151,7 @@ class MultiBernoulliFilter:
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             track.use_image(image, each, factors)
         if detections:
+            self._newest_sighting[camera] = max(self._newest_sighting[camera], time)
             scores = [detection.score for detection in detections]
             clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0  # fog lowers scores
             for track, row in zip(self.tracks, shares, strict=True):
