@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from io import FileIO
 from pathlib import Path
 
 
@@ -13,13 +14,11 @@ class RetryingFile:
     On a full disk the file ends early, and grows from there as soon as there is room.
 
     Parameters:
-        path: the file to create.
-
-    Raises OSError when the file exists or cannot be created.
+        file: a new file, without a buffer, to read and write.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._file = os.fdopen(self._create(path), 'r+b', buffering=0)
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
         self._waiting = bytearray()
         self._position = 0
 
@@ -59,20 +58,7 @@ class RetryingFile:
         """Close the file; data that were not committed are lost."""
         self._file.close()
 
-    @staticmethod
-    def _create(path: Path) -> int:
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
 
-
-class UnnamedFile(RetryingFile):
-    """The same without a name: it vanishes with this object, or with the process.
-
-    Parameters:
-        path: the folder, whose disk takes the data.
-    """
-
-    @staticmethod
-    def _create(path: Path) -> int:
-        descriptor, name = tempfile.mkstemp(dir=path)
-        Path(name).unlink()
-        return descriptor
+def unnamed_file(folder: Path) -> RetryingFile:
+    """A file on the disk of a folder that vanishes with the process. Raises OSError where none can be created."""
+    return RetryingFile(tempfile.TemporaryFile(buffering=0, dir=folder))

@@ -14,7 +14,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2.metadata import dump_qos_v8
 
 from av_bags.definitions import BagError, definition
-from av_bags.retrying_file import RetryingFile, UnnamedFile
+from av_bags.retrying_file import RetryingFile, unnamed_file
 
 COMPRESSIONS = ('none', 'lz4', 'zstd')
 CHUNK_BYTES = 512 * 1024  # before compression, of messages that are read at once
@@ -23,16 +23,6 @@ DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.
                   QosLiveliness.AUTOMATIC, _EVER, False)
 LATCHED = DEFAULT_QOS._replace(durability=QosDurability.TRANSIENT_LOCAL)
 COMMIT_BYTES = 64 * 1024  # of indexes, in memory before they are written
-
-
-class _Records:
-    """Serialised records, with the method of a record that `mcap.writer.Writer.finish` calls."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-
-    def write(self, builder: RecordBuilder) -> None:
-        builder.write(self._data)
 
 
 class ChunkIndexes:
@@ -47,7 +37,8 @@ class ChunkIndexes:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._file = UnnamedFile(folder)
+        self._file = unnamed_file(folder)
+        self.close = self._file.close
 
     def append(self, index: ChunkIndex) -> None:
         """Add the index of a chunk."""
@@ -58,12 +49,13 @@ class ChunkIndexes:
             with suppress(OSError):
                 self._file.commit()
 
-    def __iter__(self) -> Iterator[_Records]:
-        yield _Records(self._file.content())
+    def __iter__(self) -> Iterator[ChunkIndexes]:
+        """All of them as one, which the writer asks to `write` itself."""
+        yield self
 
-    def close(self) -> None:
-        """Give the file back."""
-        self._file.close()
+    def write(self, builder: RecordBuilder) -> None:
+        """Write all indexes."""
+        builder.write(self._file.content())
 
 
 class BagWriter(AbstractContextManager['BagWriter']):
@@ -93,7 +85,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
         self.file = path / f'{path.name}_0.mcap' if self._in_folder else path
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = RetryingFile(self.file)
+            self._stream = RetryingFile(self.file.open('x+b', buffering=0))
             self._indexes = ChunkIndexes(self.file.parent)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error

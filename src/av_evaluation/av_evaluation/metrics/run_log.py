@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from av_bags.retrying_file import UnnamedFile
+from av_bags.retrying_file import RetryingFile, unnamed_file
 from av_evaluation.metrics.tracks import TrackFigures
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
@@ -29,10 +29,10 @@ class Series:
     def __init__(self, *names: str, folder: Path | None = None) -> None:
         self._names = names
         self._flat = array('d')     # the newest rows
-        self._file: UnnamedFile | None = None
+        self._file: RetryingFile | None = None
         if folder is not None:
             with suppress(OSError):
-                self._file = UnnamedFile(folder)
+                self._file = unnamed_file(folder)
 
     def add(self, *values: float) -> None:
         """Append one row, a value for each column. Raises ValueError for another number of values."""
@@ -65,7 +65,7 @@ class Series:
         stored = self._file.content() if self._file is not None else b''
         return np.concatenate([np.frombuffer(stored), np.array(self._flat)]).reshape(-1, len(self._names))
 
-    def _move(self, file: UnnamedFile) -> None:
+    def _move(self, file: RetryingFile) -> None:
         """Move all but the newest rows to the file. While the disk refuses them, they stay in memory."""
         newest = -ROWS_IN_MEMORY * len(self._names)
         file.write(self._flat[:newest].tobytes())
