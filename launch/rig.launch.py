@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription, LaunchDescriptionEntity
-from launch.actions import ExecuteProcess, LogInfo, TimerAction
+from launch.actions import ExecuteProcess, LogInfo
 
 from av_bringup.launching import (
     CONFIG,
@@ -45,7 +45,6 @@ from av_common.playback import Player, plan_playback
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')
-PAGE_START_S = 1.0  # people wait for the page: its process has the cores to itself until it is there
 HOW_TO_ENABLE = ('commands move nothing yet; enable them from the start by enable_pointing:=true, or now by: ros2 service call '
                  "{namespace}/pointing_node/enable std_srvs/srv/SetBool '{{data: true}}'")
 # Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
@@ -127,8 +126,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     if not may_move(arguments):
         notes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
     supervision = Supervision(essential, [*page, *optional], monitor[0] if monitor else None, duration, bool(arguments['out']))
-    rest = [*essential, *monitor, *optional]
-    return [*supervision.entities(), *page, *([TimerAction(period=PAGE_START_S, actions=rest)] if page else rest), *notes]
+    return [*supervision.entities(), *page, *essential, *monitor, *optional, *notes]    # people wait for the page
 
 
 def check_source(arguments: Arguments) -> None:

@@ -256,13 +256,14 @@ class Bag(AbstractContextManager['Bag']):
         """Times (n,) of the messages of a file with the number of steps back of the clock before them, and the last number."""
         steps = Steps()
         try:
-            found = [(steps.take_block(topics, times), times) for topics, times in recorded(reader)]
+            rows = np.fromiter(((steps.take(topic, time_ns), time_ns) for topic, time_ns in recorded(reader)),
+                               [('step', np.int64), ('time', np.int64)])
         except Exception:  # noqa: BLE001  a damaged index: the messages themselves, in order of time, tell of gaps
             times = np.array([row[1] for row in self._rows_of(reader, None, 0, FOREVER)], np.int64)
             return [(0, times)], 0
         last = steps.count if steps.count <= MOST_STEPS else 0
-        return [(min(int(step), last), times[numbers == step])
-                for numbers, times in found for step in np.unique(numbers)], last
+        numbers = np.minimum(rows['step'], last)
+        return [(step, rows['time'][numbers == step]) for step in range(last + 1)], last
 
     def _by_step(self, reader: Reader) -> list[Reader]:
         """Copies of an open file in whose course the clock was set back, one for each clock."""

@@ -7,9 +7,12 @@ file holds the messages of one topic; a file that holds one topic after the othe
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.records import MessageIndex
 from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
@@ -17,9 +20,6 @@ from rosbags.rosbag2.storage_mcap import McapReader
 GAP_NS = 5 * 10**9        # without any message: more than a rig with sound, images or odometry ever pauses
 BACK_NS = 10**9 // 2      # by which messages of a topic may be recorded out of order
 MOST_STEPS = 16           # of the clock; a file with more is in no order
-ROWS = 100_000  # of a query at a time: 1.6 MB
-_ENTRY = np.dtype([('time', '<i8'), ('offset', '<u8')])
-Block = tuple[NDArray[np.int64], NDArray[np.int64]]    # numbers of the topics (n,) and times (n,; ns)
 
 
 class Segment(NamedTuple):
@@ -51,62 +51,35 @@ class Steps:
         self._newest[topic] = max(time_ns, self._newest.get(topic, time_ns))
         return self.count
 
-    def take_block(self, topics: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The same for messages (n,) at once."""
-        newest = {int(topic): times[topics == topic] for topic in np.unique(topics)}
-        if all(chosen[0] >= self._newest.get(topic, chosen[0]) - BACK_NS and np.all(np.diff(chosen) >= 0)
-               for topic, chosen in newest.items()):
-            for topic, chosen in newest.items():
-                self._newest[topic] = max(int(chosen[-1]), self._newest.get(topic, 0))
-            return np.full(len(times), self.count)
-        return np.array([self.take(int(topic), int(time)) for topic, time in zip(topics, times, strict=True)], np.int64)
 
+def recorded(reader: Reader) -> Iterator[tuple[int, int]]:
+    """Topics (their numbers) and times (ns) of the messages of an open file in the order of their recording.
 
-def recorded(reader: Reader) -> Iterator[Block]:
-    """Topics and times of the messages of an open file in the order of their recording, without reading the messages."""
+    Of files with an index only that is read.
+    """
     storage = reader.storage
     if not isinstance(storage, McapReader):
-        rows = storage.dbconn.execute('SELECT topic_id, timestamp FROM messages ORDER BY id')
-        while block := [row for _, row in zip(range(ROWS), rows, strict=False)]:
-            topics, times = np.array(block, np.int64).T
-            yield topics, times
+        yield from storage.dbconn.execute('SELECT topic_id, timestamp FROM messages ORDER BY id')
     elif not storage.chunks:
-        for connection, time_ns, _ in reader.messages():
-            yield np.array([connection.id]), np.array([time_ns])
+        yield from ((connection.id, time_ns) for connection, time_ns, _ in reader.messages())
     else:
         for chunk in sorted(storage.chunks, key=lambda chunk: chunk.chunk_start_offset):
             assert storage.bio is not None
             storage.bio.seek(chunk.chunk_start_offset + chunk.chunk_length)
-            yield _indexed(storage.bio.read(chunk.message_index_length))
+            stream, entries = ReadDataStream(storage.bio), list[tuple[int, int, int]]()
+            while stream.count < chunk.message_index_length:
+                stream.read(9)    # opcode and length of a record
+                index = MessageIndex.read(stream)
+                entries += [(place, index.channel_id, time_ns) for time_ns, place in index.records]
+            yield from (entry[1:] for entry in sorted(entries, key=itemgetter(0)))    # some writers give no places
 
 
 def segments_of(steps: list[tuple[int, NDArray[np.int64]]]) -> list[Segment]:
     """Segments of times (n,; ns), each array with the number of steps back before it, in the order of recording."""
-    spans: dict[int, list[list[int]]] = {}
-    for step, times in steps:
-        ordered = np.sort(times)
+    found = []
+    for step in sorted({number for number, times in steps if len(times)}):
+        ordered = np.sort(np.concatenate([times for number, times in steps if number == step]))
         ends = np.flatnonzero(np.diff(ordered) > GAP_NS)
-        for first, last in zip([0, *(ends + 1)], [*ends, len(ordered) - 1], strict=True):
-            _join(spans.setdefault(step, []), int(ordered[first]), int(ordered[last]))
-    return [Segment(step, start, end) for step in sorted(spans) for start, end in spans[step]]
-
-
-def _join(spans: list[list[int]], start: int, end: int) -> None:
-    """Add a span to those of one clock, which are in order and more than GAP_NS apart."""
-    near = [span for span in spans if span[0] - GAP_NS <= end and start <= span[1] + GAP_NS]
-    joined = [min([start, *(span[0] for span in near)]), max([end, *(span[1] for span in near)])]
-    spans[:] = sorted([*(span for span in spans if span not in near), joined])
-
-
-def _indexed(data: bytes) -> Block:
-    """Channels and times in the order of the messages from the message indexes of a chunk (https://mcap.dev/spec)."""
-    topics, entries, place = [], [], 0
-    while place + 15 <= len(data):
-        length = int.from_bytes(data[place + 1:place + 9], 'little')
-        found = np.frombuffer(data, _ENTRY, int.from_bytes(data[place + 11:place + 15], 'little') // 16, place + 15)
-        topics.append(np.full(len(found), int.from_bytes(data[place + 9:place + 11], 'little')))
-        entries.append(found)
-        place += 9 + length
-    joined = np.concatenate(entries) if entries else np.zeros(0, _ENTRY)
-    order = np.argsort(joined['offset'], kind='stable')
-    return np.concatenate([np.zeros(0, np.int64), *topics])[order].astype(np.int64), joined['time'][order]
+        found += [Segment(step, int(ordered[first]), int(ordered[last]))
+                  for first, last in zip([0, *(ends + 1)], [*ends, len(ordered) - 1], strict=True)]
+    return found

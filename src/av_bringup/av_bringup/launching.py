@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -28,7 +28,6 @@ from launch.actions import (
     OpaqueFunction,
     RegisterEventHandler,
     SetEnvironmentVariable,
-    TimerAction,
 )
 from launch.event_handlers import OnShutdown
 from launch.events import Shutdown
@@ -66,6 +65,7 @@ RIG_ARGUMENTS: Declarations = {
     'security': ('', 'a keystore of `ros2 run av_bringup security`: only nodes with its keys take part; empty: all', None),
 }
 
+
 class MissingPackageError(RuntimeError):
     """A package that a launch argument needs is not installed."""
 
@@ -102,7 +102,7 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
             raise
         entities.append(guard_process(folder))
         environment = [SetEnvironmentVariable(RUN_FOLDER, folder), *participants(entities)]
-        return [in_environment(environment, [interrupt_with_launch(launched_processes(entities)), *entities])]
+        return [GroupAction([*environment, interrupt_with_launch(entities), *entities])]
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
@@ -141,30 +141,9 @@ class LaunchedNode(Node):
                          additional_env=security(arguments, self.full_name), **options)
 
 
-def launched_processes(entities: Iterable[LaunchDescriptionEntity]) -> list[ExecuteProcess]:
-    """The processes among the entities of a launch, those that start later among them."""
-    found = []
-    for entity in entities:
-        found += [entity] if isinstance(entity, ExecuteProcess) else []
-        found += launched_processes(entity.actions) if isinstance(entity, TimerAction) else []
-    return found
-
-
 def launched_nodes(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchedNode]:
-    """The nodes among them."""
-    return [process for process in launched_processes(entities) if isinstance(process, LaunchedNode)]
-
-
-def in_environment(environment: Sequence[LaunchDescriptionEntity], entities: Iterable[LaunchDescriptionEntity]) -> GroupAction:
-    """Entities in an environment of their own, also what starts later, when that of a group has ended.
-
-    Parameters:
-        environment: what sets it.
-        entities: of the launch.
-    """
-    return GroupAction([*environment, *(
-        TimerAction(period=entity.period, actions=[in_environment(environment, entity.actions)])
-        if isinstance(entity, TimerAction) else entity for entity in entities)])
+    """The nodes among the entities of a launch."""
+    return [entity for entity in entities if isinstance(entity, LaunchedNode)]
 
 
 def participants(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchDescriptionEntity]:
@@ -236,12 +215,14 @@ def guard_process(folder: str) -> ExecuteProcess:
     return ExecuteProcess(cmd=command, name='guard', output='log', sigterm_timeout='60', **RESPAWN)
 
 
-def interrupt_with_launch(processes: Sequence[ExecuteProcess]) -> LaunchDescriptionEntity:
+def interrupt_with_launch(entities: Iterable[LaunchDescriptionEntity]) -> LaunchDescriptionEntity:
     """The handler that passes on a SIGINT of the launch alone; launch expects that Ctrl-C has reached its processes.
 
     Parameters:
-        processes: the processes to interrupt; a second SIGINT does them no harm.
+        entities: of the launch, whose processes are interrupted; a second SIGINT does them no harm.
     """
+    processes = [entity for entity in entities if isinstance(entity, ExecuteProcess)]
+
     def interrupt(event: Shutdown, context: LaunchContext) -> None:
         for process in processes if event.due_to_sigint else ():
             with suppress(ProcessLookupError, KeyError, TypeError):    # has ended, or has not started

@@ -88,11 +88,11 @@ def test_processes_of_others_are_left_alone(launch):
     other.wait()
 
 
-# A launch whose process starts later, as those of a rig with a page do; it says what is interrupted.
-LATER = '''
+# A launch whose process says that it is interrupted.
+LAUNCH = '''
 import sys
 from launch import LaunchService
-from launch.actions import ExecuteProcess, TimerAction
+from launch.actions import ExecuteProcess
 from av_bringup.launching import describe
 program = """import os, time
 print("run", os.environ.get("AV_RIG_RUN"), flush=True)
@@ -100,16 +100,16 @@ try:
     time.sleep(60)
 except KeyboardInterrupt:
     print("interrupted", flush=True)"""
-later = TimerAction(period=0.1, actions=[ExecuteProcess(cmd=[sys.executable, '-c', program], output='screen')])
+process = ExecuteProcess(cmd=[sys.executable, '-c', program], output='screen')
 service = LaunchService(argv=[])
-service.include_launch_description(describe({'params': ('', '', None)}, lambda _: [later]))
+service.include_launch_description(describe({'params': ('', '', None)}, lambda _: [process]))
 sys.exit(service.run())
 '''
 
 
-def test_what_starts_later_belongs_to_the_run():
+def test_a_process_belongs_to_the_run():
     """It has the folder of the run, for heartbeats, switches and the guard, and ends with the launch."""
-    launch = subprocess.Popen([sys.executable, '-c', LATER], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    launch = subprocess.Popen([sys.executable, '-c', LAUNCH], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     said = next(line for line in launch.stdout if '] run ' in line)
     assert '/av_rig_' in said
     launch.send_signal(signal.SIGINT)
