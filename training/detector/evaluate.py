@@ -26,7 +26,6 @@ from av_vision.score_fusion import ScoreFusionModel
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.model import parsed
 
-SLICE = 416  # pixels; they are enlarged threefold, to the model's input
 LOWEST = 0.02
 COCO_CLASSES = ('airplane', 'bird', 'kite')  # what a drone is taken for
 PARTS = ('real', 'elsewhere', 'rendered', 'simulator', 'live')  # of a visible detector
@@ -175,9 +174,6 @@ def pasted(plain: Detector, args: argparse.Namespace) -> list[Row]:
     for row in chain(sun, clutter(plain, frames, bank['other'], CLUTTER // part)):
         print(f'  {row[0]}: {row[2]}', flush=True)
         rows.append(row)
-    if not args.quick:
-        print(f'1280 x 512 images in tiles of {SLICE}:')
-        rendered(Detector(plain.model.path, replace(plain.settings, slice_size=SLICE)), frames, bank['drone'], 1280, 60)
     return rows
 
 

@@ -116,7 +116,7 @@ def candidates(network: Network, images: Iterable[tuple[NDArray, NDArray]]) -> t
     found, hits = [np.empty((0, len(CLASSES)), np.float32)], [np.empty(0, bool)]
     for image, truth in images:
         fitted, scale = letterbox(image, *fitting_size(*image.shape[:2], INPUT))
-        logits, raw = network(torch.from_numpy(to_tensor([fitted], True, 1.0 / 255.0, np.float32)))
+        logits, raw = network(torch.from_numpy(to_tensor(fitted, True, np.float32)))
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
         corners, strides = cells(*fitted.shape[:2])
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()

@@ -30,7 +30,7 @@ MOST_SEGMENTS = 256          # before the size in a JPEG
 MOST_SIDE = 16_384           # pixels of width or height
 _MARKER = re.compile(rb'\xff([^\xff])', re.DOTALL)
 _PNG = b'\x89PNG\r\n\x1a\n'
-_JPEG = b'\xff\xd8'
+JPEG = b'\xff\xd8'
 _IHDR = struct.Struct('>I4s2I')
 _SIZES = frozenset({0xC0, 0xC1, 0xC2})    # baseline, extended and progressive Huffman coding
 _OTHER_SIZES = frozenset(range(0xC3, 0xD0)) - {0xC4, 0xC8, 0xCC}    # lossless, hierarchical, arithmetic coding
@@ -221,7 +221,7 @@ def check_pixels(width: int, height: int, most: int) -> None:
 def size_of(data: bytes | memoryview) -> tuple[int, int]:
     """Width and height in the header of a JPEG or PNG file. Raises ValueError if it has none."""
     data = bytes(data)
-    size = _size_of_png(data) if data.startswith(_PNG) else _size_of_jpeg(data) if data.startswith(_JPEG) else None
+    size = _size_of_png(data) if data.startswith(_PNG) else _size_of_jpeg(data) if data.startswith(JPEG) else None
     if size is None:
         raise ValueError(f'image of {len(data)} bytes cannot be decoded: expected a complete header of JPEG or PNG')
     return size
@@ -238,7 +238,7 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
     """The size in the first frame header, found as libjpeg finds it: bytes between segments are skipped."""
     if data.count(b'\xff\xda') > MOST_SCANS:
         raise ValueError(f'image: a JPEG of more than {MOST_SCANS} scans')
-    position = len(_JPEG)
+    position = len(JPEG)
     for _ in range(MOST_SEGMENTS):
         found = _MARKER.search(data, position)
         if found is None or found.end() + 7 > len(data):

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.yolo.detector import OVERLAP
 from av_vision.yolo.letterbox import Region, tile_corners
 
 SMOOTHING = 0.1  # weight of the newest search in means
 CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
+OVERLAP = 0.2                      # share of a tile that is common with its neighbour
 CONTEXT = 3.0                      # side of a crop in units of its object
 TRACK_S, BEARING_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.25, 1.5  # periods of the cues
 SEARCHED_S = 2.0                   # age of the oldest look at a tile up to which the whole image counts as searched

@@ -274,32 +274,27 @@ def make_detection_stage(parameters: Any) -> DetectionStage:
     return DetectionStage(temporal, visibility, p.camera_kind)
 
 
-def make_detector(parameters: Any) -> Detector:
-    """The detector of one image from the parameters of detector_node: of a file, or of another package.
-
-    Raises ModelError or ValueError.
-    """
-    name = parameters.model or 'shipped'
-    if is_model_file(name):
-        return own_detector(parameters)
-    made = DETECTORS.load(name)(parameters)
-    return made if isinstance(made, Detector) else ForeignDetector(made, _settings(parameters), DRONE)
-
-
-def own_detector(parameters: Any) -> Detector:
-    """A YOLO model in a file, by default the shipped one. Raises ModelError or ValueError.
+def make_detector(parameters: Any, settings: DetectorSettings | None = None) -> Detector:
+    """The detector of one image from the parameters of detector_node: the shipped one, of a file, or of another package.
 
     Parameters:
         parameters: those of detector_node.
+        settings: other settings than those of the parameters.
+
+    Raises ModelError or ValueError.
     """
-    shipped = parameters.model in ('', 'shipped')
-    return Detector(shipped_model(parameters.camera_kind) if shipped else parameters.model, _settings(parameters))
+    name, settings = parameters.model or 'shipped', settings or _settings(parameters)
+    if is_model_file(name):
+        return Detector(name, settings)
+    if name == 'shipped':
+        return Detector(shipped_model(parameters.camera_kind), settings)
+    return ForeignDetector(DETECTORS.load(name)(parameters), settings, DRONE)
 
 
 def _settings(p: Any) -> DetectorSettings:
     """Settings from the parameters of detector_node; empty names in lists are ignored."""
     return DetectorSettings(
         score_threshold=p.score_threshold, keep=(DRONE,),
-        rename=dict.fromkeys(filter(None, p.keep_classes), DRONE), layout=p.layout,
-        class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
+        rename=dict.fromkeys(filter(None, p.keep_classes), DRONE),
+        class_names=tuple(filter(None, p.class_names)), input_size=p.input_size,
         providers=tuple(p.providers), threads=p.threads)

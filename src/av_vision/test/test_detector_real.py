@@ -19,7 +19,6 @@ def detector():
 
 
 def test_undecoded_yolox_finds_a_real_drone(detector):
-    assert detector.model.layout.name == 'yolox_raw'
     video = cv2.VideoCapture(str(CLIP))
     found = detector.detect(video.read()[1])
     # The clip's first label: 124.93, 22.94, 75.85 x 39.20, loose.

@@ -30,7 +30,6 @@ def test_it_is_small_and_says_what_it_is(detector):
     assert metadata['license'] == 'Apache-2.0'
     assert detector.threshold == float(metadata['score_threshold'])
     assert ScoreFusionModel.from_metadata(metadata).memory_s > 1.0
-    assert detector.model.layout.name == 'v8'
     assert detector.model.dynamic_size
 
 

@@ -212,7 +212,7 @@ def test_only_the_newest_image_waits(rig, model, monkeypatch):
     images.publish(image_at(1))
     rig.spin_until(busy.is_set)
     sent = iter(range(2, 1000))
-    while node._latest.dropped <= 10:
+    while node._dropped <= 10:
         images.publish(image_at(next(sent)))
         rig.executor.spin_once(timeout_sec=0.02)
     done.set()

@@ -17,8 +17,7 @@ from av_common.parameters import node_parameters
 from av_common.track import DRONE
 from av_vision.drawing import draw
 from av_vision.image import AutomaticGain
-from av_vision.methods import is_model_file
-from av_vision.models import FILES, shipped_model
+from av_vision.models import FILES
 from av_vision.sources import SourceError
 from av_vision.sources.files import Frame, Recording
 from av_vision.stage import make_detector
@@ -96,7 +95,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
     parser.add_argument('--size', type=int, default=0, help='longer side of the image for the network (dynamic models)')
-    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='also search tiles of this side')
     parser.add_argument('--no-temporal-fusion', dest='temporal_fusion', action='store_false',
                         help='treat images independently, for a folder of unrelated images')
     parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
@@ -114,20 +112,13 @@ def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
     names = tuple(name for name in arguments.classes.split(',') if name)
     keep = () if names == ('all',) else (DRONE,)
     rename = {} if names == ('all',) else dict.fromkeys(names, DRONE)
-    return DetectorSettings(score_threshold=arguments.threshold, keep=keep, rename=rename, input_size=arguments.size,
-                            slice_size=arguments.slice)
+    return DetectorSettings(score_threshold=arguments.threshold, keep=keep, rename=rename, input_size=arguments.size)
 
 
 def detector_of(arguments: argparse.Namespace) -> Detector:
     """The detector that the command line names. Raises ModelError or ValueError."""
-    settings = settings_of(arguments)
-    if is_model_file(arguments.model):
-        return Detector(arguments.model, settings)
-    if arguments.model == 'shipped':
-        return Detector(shipped_model(arguments.camera), settings)
-    made: Detector = make_detector(node_parameters('av_vision', 'detector_node', overrides={
-        'model': arguments.model, 'score_threshold': arguments.threshold}))
-    return made
+    given = {'model': arguments.model, 'camera_kind': arguments.camera, 'score_threshold': arguments.threshold}
+    return make_detector(node_parameters('av_vision', 'detector_node', overrides=given), settings_of(arguments))
 
 
 def run(arguments: argparse.Namespace) -> list[str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
-from typing import Any, Generic, TypeVar
+from contextlib import suppress
+from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,42 +27,7 @@ from av_vision.search import Pace
 from av_vision.sources.capture import STALE_S
 from av_vision.stage import make_detection_stage
 
-Item = TypeVar('Item')
 FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
-
-
-class Latest(Generic[Item]):
-    """Holds only the newest item.
-
-    Attributes:
-        dropped: number of items that were replaced before they were taken.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = 0
-        self._item: Item | None = None
-        self._closed = False
-        self._changed = threading.Condition()
-
-    def put(self, item: Item) -> None:
-        """Set the newest item; never waits for the consumer."""
-        with self._changed:
-            self.dropped += self._item is not None
-            self._item = item
-            self._changed.notify()
-
-    def take(self) -> Item | None:
-        """Wait for an item and take it; None once closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._item is not None)
-            item, self._item = self._item, None
-            return None if self._closed else item
-
-    def close(self) -> None:
-        """End the consumer's wait."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
 
 
 class DetectorNode(RigNode):
@@ -89,7 +56,8 @@ class DetectorNode(RigNode):
     def activate(self) -> None:
         """Begin to detect."""
         self._stage.reset()
-        self._latest: Latest[Image | CompressedImage] = Latest()
+        self._waiting: queue.Queue[Image | CompressedImage | None] = queue.Queue(1)
+        self._dropped = 0
         self._images, self._took, self._delay = RateMeter(), 0.0, 0.0
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
         self._worker.start()
@@ -105,7 +73,7 @@ class DetectorNode(RigNode):
 
     def deactivate(self) -> None:
         """Stop detecting."""
-        self._latest.close()
+        self._offer(None)
         self._worker.join(timeout=5.0)
 
     @staticmethod
@@ -119,10 +87,17 @@ class DetectorNode(RigNode):
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         if not self.contested:
-            self._latest.put(message)
+            self._offer(message)
+
+    def _offer(self, message: Image | CompressedImage | None) -> None:
+        """Hand an image to the worker, in place of one that still waits; None ends it."""
+        with suppress(queue.Empty):
+            self._waiting.get_nowait()
+            self._dropped += 1
+        self._waiting.put(message)
 
     def _work(self) -> None:
-        while (message := self._latest.take()) is not None:
+        while (message := self._waiting.get()) is not None:
             started = time.perf_counter()
             try:
                 self._detect(message)
@@ -168,7 +143,7 @@ class DetectorNode(RigNode):
         if planner is not None:
             status.add('regions per image', str(planner.regions))
             status.add('searched', ', '.join(f'{kind} {count}' for kind, count in sorted(planner.counts.items())))
-        status.add('dropped (replaced by a newer image)', str(self._latest.dropped))
+        status.add('dropped (replaced by a newer image)', str(self._dropped))
         if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
         elif self._stage.unchanged > FROZEN_S:

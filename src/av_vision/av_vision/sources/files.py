@@ -1,9 +1,8 @@
-"""Sources that play videos and folders of images like a camera; sizes are checked before memory is taken for pixels."""
+"""Sources that play videos and folders of images like a camera."""
 
 from __future__ import annotations
 
 import re
-import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.files import MEGABYTE, check_file
-from av_vision.image import MOST_PIXELS, check_pixels, size_of
+from av_vision.image import JPEG, MOST_PIXELS, check_pixels, size_of
 from av_vision.sources.capture import CapturedImage, SourceError
 
 FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states no rate
@@ -24,8 +23,6 @@ PROBED = 30            # frames whose times give the rate of a video
 LEAST_INTERVAL_S = 1e-3    # between frames: a container's time that does not rise by so much is none
 IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
 MOST_BYTES = 1000 * MEGABYTE
-_PGM = re.compile(rb'P[25](?:\s+|#[^\n]*\n)+(\d{1,9})(?:\s+|#[^\n]*\n)+(\d{1,9})\s')
-_WIDTH, _HEIGHT = 256, 257    # tags of TIFF
 # FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told, as it does of other depths, and of other order.
 _COUNTS = b'Y1\0\x10'
 ALIKE = 10     # images that are the same to the bit from which on that is told: noise alone makes those of cameras differ
@@ -40,52 +37,18 @@ def read_image(path: Path) -> NDArray:
     """
     try:
         data = check_file(path, MOST_BYTES).read_bytes()
-        check_pixels(*_size_of(data), MOST_PIXELS)
+        if data.startswith(JPEG):    # OpenCV takes memory for what the header of this format alone claims
+            check_pixels(*size_of(data), MOST_PIXELS)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+        if image is None:
+            raise ValueError('of no known format, or damaged')
+        check_pixels(image.shape[1], image.shape[0], MOST_PIXELS)
     except OSError as error:
         raise SourceError(str(error)) from error
-    except (ValueError, struct.error, cv2.error) as error:
-        raise SourceError(f'{path} cannot be read as an image: {getattr(error, "err", None) or error}') from error
-    if image is None:
-        raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image')
+    except (ValueError, cv2.error) as error:
+        reason = getattr(error, 'err', None) or error
+        raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image: {reason}') from error
     return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
-
-
-def _size_of(data: bytes) -> tuple[int, int]:
-    """Width and height in the header of an image. Raises ValueError or struct.error where it has none."""
-    if data[:2] == b'BM':
-        width, height = struct.unpack_from('<2i', data, 18)
-        return abs(width), abs(height)    # negative: from top to bottom
-    if data[:4] in (b'II*\0', b'MM\0*'):
-        return _size_of_tiff(data, '<' if data[:1] == b'I' else '>')
-    if data[:4] == b'RIFF' and data[8:12] == b'WEBP':
-        return _size_of_webp(data)
-    header = _PGM.match(data[:1000])
-    return (int(header[1]), int(header[2])) if header else size_of(data)
-
-
-def _size_of_tiff(data: bytes, order: str) -> tuple[int, int]:
-    first, = struct.unpack_from(f'{order}I', data, 4)
-    count, = struct.unpack_from(f'{order}H', data, first)
-    found = {}
-    for entry in range(first + 2, first + 2 + 12 * count, 12):
-        tag, kind = struct.unpack_from(f'{order}2H', data, entry)
-        if tag in (_WIDTH, _HEIGHT):
-            found[tag], = struct.unpack_from(f'{order}{"H" if kind == 3 else "I"}', data, entry + 8)
-    if len(found) < 2:
-        raise ValueError('a TIFF without a size')
-    return found[_WIDTH], found[_HEIGHT]
-
-
-def _size_of_webp(data: bytes) -> tuple[int, int]:
-    kind = data[12:16]
-    if kind == b'VP8X':
-        return (1 + int.from_bytes(data[24:27], 'little'), 1 + int.from_bytes(data[27:30], 'little'))
-    if kind == b'VP8L':
-        bits, = struct.unpack_from('<I', data, 21)
-        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    width, height = struct.unpack_from('<2H', data, 26)
-    return width & 0x3FFF, height & 0x3FFF
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from av_vision.detections import NMS_IOU, NMS_NESTED, Candidates, Detections, suppress
 from av_vision.image import to_bgr8
-from av_vision.yolo.letterbox import Region, fitting_size, letterbox, tile_corners, to_tensor, whole_in_tile
+from av_vision.yolo.letterbox import Region, fitting_size, letterbox, to_tensor, whole_in_tile
 from av_vision.yolo.model import Model, ModelError
-from av_vision.yolo.rows import LayoutError, check_scores
+from av_vision.yolo.rows import LayoutError
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well
-OVERLAP = 0.2  # share of a tile that is common with its neighbour
 MOST_DETECTIONS = 50  # in an image, by falling score
 
 
@@ -29,30 +28,23 @@ class DetectorSettings:
         score_threshold (0-1): least score of a detection; 0 uses `score_threshold` of the model's metadata, or 0.25.
         keep: names of the detections to report, after renaming; empty for all.
         rename: new names of classes of the model.
-        layout: layout of the model's output, one of `LAYOUTS`; auto recognises it.
         class_names: names of the model's classes in its order; empty uses the metadata.
         input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
         providers: execution providers of onnxruntime in order of preference.
         threads: number of threads for one image; 0 uses the default of onnxruntime.
-        slice_size (pixels): side of overlapping tiles that are searched besides the whole image, enlarged to the model's
-            input, for small far targets; 0 for none.
     """
 
     score_threshold: float = 0.0
     keep: tuple[str, ...] = ()
     rename: dict[str, str] = field(default_factory=dict)
-    layout: str = 'auto'
     class_names: tuple[str, ...] = ()
     input_size: int = 0
     providers: tuple[str, ...] = ('CPUExecutionProvider',)
     threads: int = 0
-    slice_size: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.score_threshold <= 1.0:
             raise ValueError(f'score_threshold is {self.score_threshold}, expected 0 to 1')
-        if self.slice_size < 0:
-            raise ValueError(f'slice_size is {self.slice_size}, expected a positive number')
 
 
 class Detector:
@@ -65,8 +57,7 @@ class Detector:
 
     def __init__(self, model_path: str | Path, settings: DetectorSettings = DetectorSettings()) -> None:
         self.settings = settings
-        self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
-                           settings.input_size)
+        self.model = Model(model_path, settings.providers, settings.threads, settings.class_names, settings.input_size)
         self.near = self._near_model(Path(model_path))
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
@@ -106,8 +97,7 @@ class Detector:
             regions: parts of the image to search; by default all of it, and once more at a smaller size for large objects.
         """
         image = to_bgr8(image)
-        regions = [*(regions or self._whole(*image.shape[:2])), *self._tiles(*image.shape[:2])]
-        found = [self._infer(image, region, floor) for region in regions]
+        found = [self._infer(image, region, floor) for region in regions or self._whole(*image.shape[:2])]
         boxes, probabilities = (np.concatenate(part) for part in zip(*found, strict=True))
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
@@ -134,18 +124,12 @@ class Detector:
         least = (NEAR if self.near is self.model else NEAR_MODEL) * max(width, height)
         return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
-    def _tiles(self, height: int, width: int) -> list[Region]:
-        """Tiles of `slice_size`, enlarged to the model's input."""
-        side = self.settings.slice_size
-        corners = tile_corners(width, height, side, OVERLAP) if side else []
-        return [Region('tile', x, y, side, side, max(side, self.model.longest)) for x, y in corners]
-
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
         model = self.near if region.kind == 'near' else self.model
         size = self._input_size(region.height, region.width, region.longest)
         fitted, scale = letterbox(cut(image, region), *size)
-        tensor = to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype)
+        tensor = to_tensor(fitted, model.layout.rgb, model.dtype)
         output = model.run(tensor)[0]
         model.settle(tensor, output, size, (scale * region.height, scale * region.width))
         return self._decoded(model, output, size, scale, region, image.shape[:2], floor)
@@ -155,9 +139,6 @@ class Detector:
         """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
         try:
             boxes, probabilities = model.layout.decode(output, size, floor)
-            finite = np.isfinite(boxes).all(axis=1) & np.isfinite(probabilities).all(axis=1)
-            boxes, probabilities = boxes[finite], probabilities[finite]
-            check_scores(probabilities)
         except LayoutError as error:
             raise ModelError(f'{model.path}: {error}') from error
         probabilities = np.minimum(probabilities, 1.0)

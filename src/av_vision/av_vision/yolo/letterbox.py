@@ -50,20 +50,18 @@ def fitting_size(image_height: int, image_width: int, longest: int, multiple: in
     return height, width
 
 
-def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: DTypeLike) -> NDArray:
-    """Convert images to a batch (n, 3, h, w).
+def to_tensor(image: NDArray[np.uint8], rgb: bool, dtype: DTypeLike) -> NDArray:
+    """Convert an image to a batch (1, 3, h, w).
 
     Parameters:
-        images: BGR images (h, w, 3) of one size.
-        rgb: whether the batch is RGB instead of BGR.
-        scale: factor of all values.
+        image (h, w, 3): BGR image.
+        rgb: whether the batch is RGB from 0 to 1 instead of BGR from 0 to 255.
         dtype: type of the batch.
     """
-    tensor = np.empty((len(images), 3, *images[0].shape[:2]), dtype)
-    for image, planes in zip(images, tensor, strict=True):
-        # Plane by plane, in half the time of cv2.dnn.blobFromImages.
-        for channel, plane in zip(cv2.split(image)[::-1 if rgb else 1], planes, strict=True):
-            np.multiply(channel, np.float32(scale), out=plane, casting='unsafe')
+    tensor = np.empty((1, 3, *image.shape[:2]), dtype)
+    # Plane by plane, in half the time of cv2.dnn.blobFromImages.
+    for channel, plane in zip(cv2.split(image)[::-1 if rgb else 1], tensor[0], strict=True):
+        np.multiply(channel, np.float32(1.0 / 255.0 if rgb else 1.0), out=plane, casting='unsafe')
     return tensor
 
 

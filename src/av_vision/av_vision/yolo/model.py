@@ -14,7 +14,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
-from av_vision.yolo.layout import LAYOUTS, TABLE_COLUMNS, Layout, recognise
+from av_vision.yolo.layout import TABLE_COLUMNS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 from av_vision.yolo.rows import LayoutError, RowReader
 
@@ -47,13 +47,12 @@ class Model:
         path: ONNX file.
         providers: execution providers of onnxruntime in order of preference.
         threads: number of threads for one image; 0 uses the default of onnxruntime.
-        layout: one of `LAYOUTS`, or auto.
         class_names: names in the order of the model; empty uses the metadata.
         input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
     """
 
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
-                 layout: str = 'auto', class_names: Sequence[str] = (), input_size: int = 0) -> None:
+                 class_names: Sequence[str] = (), input_size: int = 0) -> None:
         self.path = Path(path).expanduser()
         self.session = open_session(self.path, providers, threads, folded=False)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
@@ -67,9 +66,9 @@ class Model:
         self.near = self._near()
         self.score_threshold = self._score_threshold()
         self._output_name = self.session.get_outputs()[0].name
-        output = self._probe()
-        self.layout = self._layout(layout, output, tuple(class_names))
-        self.class_names = self._class_names(tuple(class_names), self.layout.class_count(output.shape[1:]))
+        names = tuple(class_names) or self._names()
+        self.layout = self._layout(self._probe(), len(names))
+        self.class_names = self._class_names(names, self.layout.classes)
         # Constants that onnxruntime computes when it opens a model do not count towards MOST_MEMORY. Those of this model are
         # known to be small now.
         self.session = open_session(self.path, providers, threads)
@@ -78,7 +77,7 @@ class Model:
     @property
     def columns(self) -> str:
         """What the columns of a table of boxes are taken for; empty for layouts of cells."""
-        reader = self.layout.decode
+        reader = self.layout.read
         return reader.columns if isinstance(reader, RowReader) else ''
 
     @property
@@ -104,7 +103,7 @@ class Model:
             size: height and width of the input in pixels.
             shown: height and width of the image in the input.
         """
-        reader = self.layout.decode
+        reader = self.layout.read
         try:
             if isinstance(reader, RowReader) and reader.asks(output, size):
                 reader.compare(output, self.run(np.ascontiguousarray(tensor[..., ::-1]))[0], size, shown)
@@ -166,23 +165,22 @@ class Model:
         grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
         return self.run(grey)
 
-    def _layout(self, name: str, output: NDArray, given: tuple[str, ...]) -> Layout:
-        if name not in ('auto', *LAYOUTS):
-            raise ModelError(f'layout is {name!r}, expected auto or one of {", ".join(LAYOUTS)}')
+    def _layout(self, output: NDArray, classes: int) -> Layout:
         try:
-            return recognise(output, self.size, len(self._names(given))) if name == 'auto' else LAYOUTS[name]
+            return recognise(output, self.size, classes)
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error
 
-    def _names(self, given: tuple[str, ...]) -> tuple[str, ...]:
-        """The names given, else those of the metadata; empty where there are none."""
+    def _names(self) -> tuple[str, ...]:
+        """Class names from the metadata's `names`, a dictionary or a list in Python's or JSON's spelling; empty without."""
+        names = parsed(self.metadata.get('names', '[]'))
         try:
-            return given or names_of(self.metadata)
+            names = [names[key] for key in sorted(names, key=int)] if isinstance(names, dict) else names
         except ValueError as error:
             raise ModelError(f'{self.path}: the keys of names in its metadata are no numbers: {one_line(error)}') from error
+        return tuple(str(name) for name in names) if isinstance(names, (list, tuple)) else ()
 
-    def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
-        names = self._names(given)
+    def _class_names(self, names: tuple[str, ...], count: int) -> tuple[str, ...]:
         if names and count and len(names) != count:
             raise ModelError(f'{self.path} has {count} classes, but {len(names)} class names are given: {shown(names)}')
         if not names and count == len(COCO):
@@ -240,14 +238,6 @@ def open_session(path: Path, providers: Sequence[str], threads: int, folded: boo
                                             disabled_optimizers=[] if folded else ['ConstantFolding'])
     except Exception as error:  # onnxruntime's exceptions have no common base
         raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {one_line(error)}') from error
-
-
-def names_of(metadata: dict[str, str]) -> tuple[str, ...]:
-    """Class names from the metadata's `names`, a dictionary or a list in Python's or JSON's spelling; empty without."""
-    names = parsed(metadata.get('names', '[]'))
-    if isinstance(names, dict):
-        names = [names[key] for key in sorted(names, key=int)]
-    return tuple(str(name) for name in names) if isinstance(names, (list, tuple)) else ()
 
 
 def parsed(text: str) -> object:

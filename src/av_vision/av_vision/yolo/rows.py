@@ -78,6 +78,17 @@ def check_scores(scores: NDArray) -> None:
         raise LayoutError(f'scores go from {low:.3g} to {high:.3g}, expected 0 to 1: these are {what}, or other columns')
 
 
+def telling(rows: NDArray) -> NDArray:
+    """The rows (n, k) of finite numbers, without those of equal values, by which tables are filled up.
+
+    Raises LayoutError where no row is finite.
+    """
+    finite = rows[np.isfinite(rows).all(axis=1)]
+    if len(rows) and not len(finite):
+        raise LayoutError(f'no row of the output (1, {rows.shape[0]}, {rows.shape[1]}) is of finite numbers')
+    return finite[np.ptp(finite, axis=1) > 0.0]
+
+
 @dataclass(frozen=True)
 class Reading:
     """What the columns of a table are.
@@ -89,6 +100,7 @@ class Reading:
         label: column of the class's number, -1 likewise.
         batch: column of the image's number in the batch, -1 for none.
         classes: number of classes where the model names them, else 0.
+        objectness: whether the score of any object is behind the box, by which those of the classes are multiplied.
     """
 
     form: Form
@@ -97,6 +109,7 @@ class Reading:
     label: int = -1
     batch: int = -1
     classes: int = 0
+    objectness: bool = False
 
     def __str__(self) -> str:
         return (f'{self.form.order} in {"shares" if self.form.shares else "pixels"} of the input from column {self.box}, '
@@ -108,11 +121,31 @@ class Reading:
 
     def scores(self, rows: NDArray) -> NDArray[np.float32]:
         """Scores (n, 1) or (n, classes) of rows (n, k)."""
+        if self.objectness:
+            return rows[:, self.box + 5:] * rows[:, self.box + 4:self.box + 5]
         return rows[:, [self.score]] if self.score >= 0 else rows[:, self.box + 4:]
 
     def likely(self, rows: NDArray, least: float = LIKELY) -> NDArray:
         """The rows (n, k) whose score is above `least`."""
         return rows[self.scores(rows).max(axis=1, initial=0.0) > least]
+
+    def decode(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
+        """Boxes and probabilities of the classes, of the rows above a threshold that are `telling`. Raises LayoutError.
+
+        Parameters:
+            rows (n, k): output for one image.
+            size: height and width of the input in pixels.
+            threshold (0-1): least probability of a box.
+        """
+        rows = telling(rows)
+        scores = self.scores(rows)
+        check_scores(scores)
+        passed = scores.max(axis=1, initial=0.0) > threshold
+        rows, scores = rows[passed], scores[passed]
+        if self.label >= 0:
+            classes = rows[:, self.label].astype(np.intp)
+            scores = scores * (classes[:, None] == np.arange(classes.max(initial=-1) + 1))
+        return self.boxes(rows, size), scores
 
     def fits(self, rows: NDArray, size: tuple[int, int]) -> bool:
         """Whether rows (n, k) can be read so at an input size (height, width)."""
@@ -167,22 +200,19 @@ class RowReader:
     """Decodes tables of boxes, and learns from each what its columns are.
 
     Parameters:
-        kind: 'end_to_end' for corners in pixels, score and class, 'detr' for centres in shares and a score for each class;
-            empty to find out.
         classes: number of classes where the model names them, else 0.
     """
 
-    def __init__(self, kind: str = '', classes: int = 0) -> None:
-        fixed = {'end_to_end': [Reading(Form(CORNERS), 0, 4, 5)], 'detr': [Reading(Form(CENTRE, True))]}
-        self._left = fixed.get(kind)
+    def __init__(self, classes: int = 0) -> None:
+        self._left: list[Reading] | None = None
         self._classes = classes
-        self._to_mirror = 0 if kind else MOST_MIRRORED
+        self._to_mirror = MOST_MIRRORED
         self._overlaps: dict[Reading, float] = {}
 
     @property
-    def kind(self) -> str:
-        """The kind of what has been read, 'end_to_end' for any table with a column of classes."""
-        return 'detr' if self._left and self._left[0].label < 0 else 'end_to_end'
+    def labelled(self) -> bool:
+        """Whether a column is taken for the number of the class, which does not tell how many there are."""
+        return self._left is not None and self._left[0].label >= 0
 
     @property
     def columns(self) -> str:
@@ -195,25 +225,22 @@ class RowReader:
         """Drop the readings that a table contradicts. Raises LayoutError, with what was seen, where none is left.
 
         Parameters:
-            rows (n, k): output for one image; rows of equal values, by which tables are filled up, tell nothing.
+            rows (n, k): output for one image.
             size: height and width of the input in pixels.
         """
         if self._left is None:
             self._left = readings(rows.shape[1], self._classes)
-        finite = rows[np.isfinite(rows).all(axis=1)]
-        if len(rows) and not len(finite):
-            raise LayoutError(f'no row of the output (1, {rows.shape[0]}, {rows.shape[1]}) is of finite numbers')
-        telling = np.unique(finite[np.ptp(finite, axis=1) > 0.0], axis=0) if len(finite) else finite
-        left = [reading for reading in self._left if reading.fits(telling, size)] if len(telling) else self._left
+        seen = np.unique(telling(rows), axis=0)
+        left = [reading for reading in self._left if reading.fits(seen, size)] if len(seen) else self._left
         if not left:
-            ranges = zip(telling.min(axis=0), telling.max(axis=0), strict=True)
-            seen = ', '.join(f'{low:.3g} to {high:.3g}' for low, high in list(ranges)[:8])
-            raise LayoutError(f'the columns of the output (1, {rows.shape[0]}, {rows.shape[1]}) go from {seen}: expected '
+            ranges = zip(seen.min(axis=0), seen.max(axis=0), strict=True)
+            text = ', '.join(f'{low:.3g} to {high:.3g}' for low, high in list(ranges)[:8])
+            raise LayoutError(f'the columns of the output (1, {rows.shape[0]}, {rows.shape[1]}) go from {text}: expected '
                               'x1, y1, x2, y2 in pixels of the input, score (0 to 1) and class, or cx, cy, w, h in shares of '
                               'it and a score (0 to 1, no logits) for each class'
                               f'{f" of {self._classes}" if self._classes else ""}')
         # A score that is 0 in each row says nothing, and is rather another column.
-        self._left = sorted(left, key=lambda reading: len(telling) > 0 and not reading.scores(telling).any())
+        self._left = sorted(left, key=lambda reading: len(seen) > 0 and not reading.scores(seen).any())
 
     def asks(self, rows: NDArray, size: tuple[int, int]) -> bool:
         """Whether the mirrored image would tell readings apart: rows (n, k) show something, and several are left.
@@ -240,7 +267,7 @@ class RowReader:
             shown: height and width of the image in the input; no object is beyond it.
         """
         self._to_mirror -= 1
-        rows, mirrored = (some[np.isfinite(some).all(axis=1)] for some in (rows, mirrored))
+        rows, mirrored = telling(rows), telling(mirrored)
         for reading in self._left or []:
             # A network of constants is not told apart by what it answers to the mirrored image.
             overlap = 0.0 if np.array_equal(rows, mirrored) else reading.mirrored(rows, mirrored, size)
@@ -254,19 +281,7 @@ class RowReader:
             self._overlaps = {reading: self._overlaps[reading] for reading in left}
 
     def __call__(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-        """Boxes and probabilities of the classes, of rows above a threshold. Raises LayoutError.
-
-        Parameters:
-            rows (n, k): output for one image.
-            size: height and width of the input in pixels.
-            threshold (0-1): least probability of a box.
-        """
+        """As `Reading.decode`, by the most usual reading that is left."""
         self.learn(rows, size)
         assert self._left is not None
-        reading = self._left[0]
-        rows = reading.likely(rows[np.isfinite(rows).all(axis=1)], threshold)
-        scores = reading.scores(rows)
-        if reading.label >= 0:
-            classes = rows[:, reading.label].astype(np.intp)
-            scores = scores * (classes[:, None] == np.arange(classes.max(initial=-1) + 1))
-        return reading.boxes(rows, size), scores
+        return self._left[0].decode(rows, size, threshold)
