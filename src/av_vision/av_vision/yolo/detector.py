@@ -67,9 +67,7 @@ class Detector:
                                  f'name those that are drones; {model_path} has {sorted(set(known))}')
         # Classes of one name are merged, so that one object with the classes bird and kite gives one detection.
         self._names = list(dict.fromkeys(names))
-        number = np.array([self._names.index(name) for name in names], np.intp)
-        self._by_name = np.argsort(number, kind='stable')
-        self._first = np.searchsorted(number[self._by_name], np.arange(len(self._names)))
+        self._classes = [[i for i, other in enumerate(names) if other == name] for name in self._names]
         self.kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def _near_model(self, path: Path) -> Model:
@@ -160,11 +158,11 @@ class Detector:
 
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
         """Largest probability of each name, without boxes of unnamed classes."""
-        count = len(self._by_name)
+        count = len(self.model.class_names)
         good = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
-        return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
+        return boxes[good], np.stack([table[:, classes].max(axis=1) for classes in self._classes], axis=1)
 
 
 def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:

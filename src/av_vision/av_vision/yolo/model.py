@@ -54,7 +54,7 @@ class Model:
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
                  class_names: Sequence[str] = (), input_size: int = 0) -> None:
         self.path = Path(path).expanduser()
-        self.session = open_session(self.path, providers, threads, folded=False)
+        self.session = open_session(self.path, providers, threads)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         self._input = self._check_input()
         self.dtype = FLOATS[self._input.type]
@@ -69,10 +69,6 @@ class Model:
         names = tuple(class_names) or self._names()
         self.layout = self._layout(self._probe(), len(names))
         self.class_names = self._class_names(names, self.layout.classes)
-        # Constants that onnxruntime computes when it opens a model do not count towards MOST_MEMORY. Those of this model are
-        # known to be small now.
-        self.session = open_session(self.path, providers, threads)
-        self._probe()
 
     @property
     def columns(self) -> str:
@@ -200,14 +196,13 @@ def limit_memory() -> None:
     onnxruntime.create_and_register_allocator(memory, onnxruntime.OrtArenaCfg({'max_mem': MOST_MEMORY}))
 
 
-def open_session(path: Path, providers: Sequence[str], threads: int, folded: bool = True) -> onnxruntime.InferenceSession:
+def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxruntime.InferenceSession:
     """Open an onnxruntime session; raises ModelError for an unusable file, and where no provider is installed.
 
     Parameters:
         path: ONNX file.
         providers: execution providers in order of preference; those that are not installed are left out.
         threads: number of threads for one image; 0 uses the default of onnxruntime.
-        folded: whether constants are computed now rather than with each image.
     """
     every, installed = onnxruntime.get_all_providers(), onnxruntime.get_available_providers()
     for provider in providers:
@@ -234,8 +229,8 @@ def open_session(path: Path, providers: Sequence[str], threads: int, folded: boo
     # Spinning of idle threads would take processor time from the other nodes.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=usable,
-                                            disabled_optimizers=[] if folded else ['ConstantFolding'])
+        # Constants that are computed now do not count towards MOST_MEMORY, those that are computed with an image do.
+        return onnxruntime.InferenceSession(str(path), options, providers=usable, disabled_optimizers=['ConstantFolding'])
     except Exception as error:  # onnxruntime's exceptions have no common base
         raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {one_line(error)}') from error
 
