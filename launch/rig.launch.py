@@ -49,7 +49,7 @@ HOW_TO_ENABLE = ('commands move nothing yet; enable them from the start by enabl
                  "{namespace}/pointing_node/enable std_srvs/srv/SetBool '{{data: true}}'")
 # Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
 REPORTS = (('sapient', 'sapient.peer', 'fusion node of SAPIENT, host:port', 'sapient_msg'),
-           ('cot', 'cot.url', 'Cursor on Target, udp://239.2.3.1:6969, udp, tcp or tls and a host:port', 'pytak'),
+           ('cot', 'cot.url', 'Cursor on Target, udp://239.2.3.1:6969, udp, tcp or tls and a host:port', ''),
            ('track_log', 'log.folder', 'folder for tables and GeoJSON', ''))
 REPORT_ARGUMENTS = {
     name: ('', f'report targets: {text}; empty: none. Needs av_reports: docs/guides/reports.md', None)

@@ -32,7 +32,7 @@ UBUNTU = {
 }
 CONSTRAINTS = {'jammy': PROJECT / 'tools/distributions/humble.txt'}
 # rosdep's pip keys, and what requirements.txt lists for the robot's packages.
-BY_PIP = ('onnxruntime', 'mujoco', 'rosbags', 'mcap', 'sounddevice', 'pyrealsense2', 'websockets>=13', 'pytak')
+BY_PIP = ('onnxruntime', 'mujoco', 'rosbags', 'mcap', 'sounddevice', 'pyrealsense2', 'websockets>=13')
 MOST_SHOWN = 10
 # Of ROS, built with it, or optional.
 ROS = ('ament_index_python', 'av_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'diagnostic_updater',

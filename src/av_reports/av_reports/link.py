@@ -28,8 +28,8 @@ class Channel(Protocol):
     async def send(self, message: bytes) -> None:
         """Send a message."""
 
-    async def receive(self) -> Sequence[bytes]:
-        """The next messages; never returns where there are none."""
+    async def receive(self) -> bytes:
+        """The next message; never returns where there is none."""
 
     def close(self) -> None:
         """End it; may be called twice."""
@@ -148,10 +148,10 @@ class Link:
 
     async def _receive(self, channel: Channel, session: int) -> None:
         while True:
-            for message in await channel.receive():
-                while len(self._inbox) >= MOST_RECEIVED:
-                    await asyncio.sleep(POLL_S)
-                self._inbox.append((session, message))
+            message = await channel.receive()
+            while len(self._inbox) >= MOST_RECEIVED:
+                await asyncio.sleep(POLL_S)
+            self._inbox.append((session, message))
 
     async def _wait(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
@@ -164,25 +164,26 @@ class StreamChannel:
 
     Parameters:
         reader, writer: of asyncio.
+        next_message: function that reads the next message; it may raise asyncio.IncompleteReadError.
         frame: function from a message to its bytes on the stream.
-        feed: function from received bytes to the messages that are complete with them.
     """
 
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, frame: Callable[[bytes], bytes],
-                 feed: Callable[[bytes], Sequence[bytes]]) -> None:
-        self._reader, self._writer, self._frame, self._feed = reader, writer, frame, feed
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
+                 next_message: Callable[[asyncio.StreamReader], Awaitable[bytes]],
+                 frame: Callable[[bytes], bytes] = bytes) -> None:
+        self._reader, self._writer, self._next_message, self._frame = reader, writer, next_message, frame
 
     async def send(self, message: bytes) -> None:
         """Send a message, as soon as the peer takes it."""
         self._writer.write(self._frame(message))
         await self._writer.drain()
 
-    async def receive(self) -> Sequence[bytes]:
-        """The messages of the next piece that arrives. Raises ConnectionError when the peer has ended the stream."""
-        data = await self._reader.read(1 << 16)
-        if not data:
-            raise ConnectionResetError('the peer has ended the connection')
-        return self._feed(data)
+    async def receive(self) -> bytes:
+        """The next message. Raises ConnectionError when the peer has ended the stream."""
+        try:
+            return await self._next_message(self._reader)
+        except asyncio.IncompleteReadError as error:
+            raise ConnectionResetError('the peer has ended the connection') from error
 
     def close(self) -> None:
         """End the stream, without waiting for the peer."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Protocol
 
-from av_reports.cot.connection import CotAddress, check_address, connect, load_pytak
+from av_reports.cot.connection import CotAddress, check_address, connect
 from av_reports.cot.stage import CotStage
 from av_reports.link import Link
 from av_reports.settings import CotSettings
@@ -35,12 +35,11 @@ class CotOutput:
         settings: what is told.
         address: where to.
 
-    Raises ImportError without pytak, ValueError for an address that cannot be used.
+    Raises ValueError for an address that cannot be used.
     """
 
     def __init__(self, settings: CotSettings, address: CotAddress) -> None:
         check_address(address)
-        load_pytak()
         self._address = address
         self._stage = CotStage(settings)
         self._link = Link(partial(connect, address))

@@ -13,8 +13,6 @@ from contextlib import closing
 from functools import partial
 
 import pytest
-
-pytest.importorskip('pytak', reason='needs pytak')
 from link_peer import LONG_S, exactly, wait_for, without_pauses
 
 from av_reports.cot.connection import CotAddress, check_address, connect

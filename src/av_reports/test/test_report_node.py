@@ -16,7 +16,6 @@ from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Header
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-pytest.importorskip('pytak', reason='needs pytak')
 from link_peer import LONG_S, wait_for, without_pauses
 from sapient_peer import NODE, FusionNode, task
 from wire_decoder import dig

@@ -1,12 +1,11 @@
-"""The way of events to TAK, by the optional package `pytak`: UDP to a group or a host, TCP, TLS. What comes back is dropped."""
+"""The way of events to TAK: UDP to a group or a host, TCP, TLS. What comes back is dropped."""
 
 from __future__ import annotations
 
 import asyncio
 import os
-import warnings
-from collections.abc import Sequence
-from configparser import ConfigParser
+import socket
+import ssl
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlparse
@@ -14,7 +13,7 @@ from urllib.parse import urlparse
 from av_reports.link import Channel, StreamChannel
 
 SCHEMES = ('udp', 'tcp', 'tls')
-PASSWORD = 'PYTAK_TLS_CLIENT_PASSWORD'  # variable of the environment, since parameters are no place for it
+PASSWORD = 'PYTAK_TLS_CLIENT_PASSWORD'  # variable of the environment, as other programs for TAK name it
 LARGEST_DATAGRAM = 1400  # bytes, so that none is cut in pieces
 
 
@@ -52,62 +51,54 @@ def check_address(address: CotAddress) -> None:
 
 
 async def connect(address: CotAddress) -> Channel:
-    """Open the way. Raises ImportError without pytak, OSError where the peer cannot be reached, others of pytak.
+    """Open the way. Raises OSError where the peer cannot be reached, or certificates cannot be used.
 
     Parameters:
         address: where to.
     """
-    pytak = load_pytak()
-    reader, writer = await pytak.protocol_factory(_pytak_config(address))
-    if isinstance(writer, asyncio.StreamWriter):
-        return StreamChannel(reader, writer, bytes, lambda _: ())
-    return DatagramChannel(writer)
+    parts = urlparse(address.url)
+    if parts.scheme == 'udp':
+        found = await asyncio.get_running_loop().getaddrinfo(parts.hostname, parts.port, type=socket.SOCK_DGRAM)
+        family, _, _, _, peer = found[0]
+        own = socket.socket(family, socket.SOCK_DGRAM)
+        if family == socket.AF_INET:
+            own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address.multicast_interface))
+        return DatagramChannel(own, peer)
+    context = None
+    if parts.scheme == 'tls':
+        context = ssl.create_default_context(cafile=address.ca_file)
+        context.load_cert_chain(address.client_cert, address.client_key, os.environ.get(PASSWORD, ''))
+    return StreamChannel(*await asyncio.open_connection(parts.hostname, parts.port, ssl=context), drop)
 
 
-def load_pytak() -> Any:
-    """The module pytak. Raises ImportError that says what to install."""
-    try:
-        with warnings.catch_warnings():  # about packages of which nothing is used here
-            warnings.simplefilter('ignore')
-            import pytak
-    except ImportError as error:
-        raise ImportError(f'Cursor on Target needs the Python package pytak: pip install pytak ({error})') from error
-    return pytak
+async def drop(reader: asyncio.StreamReader) -> bytes:
+    """Read to the end of a stream, without a message. Raises asyncio.IncompleteReadError there."""
+    while await reader.read(1 << 16):
+        pass
+    raise asyncio.IncompleteReadError(b'', None)
 
 
 class DatagramChannel:
-    """Events as datagrams.
+    """Events as datagrams, to groups no further than this network (a hop is what the system sets).
 
     Parameters:
-        client: of pytak.
+        own: socket.
+        peer: its address.
     """
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
+    def __init__(self, own: socket.socket, peer: Any) -> None:
+        self._own, self._peer = own, peer
 
     async def send(self, message: bytes) -> None:
         """Send an event. Raises ValueError for one that does not fit."""
         if len(message) > LARGEST_DATAGRAM:
             raise ValueError(f'an event of {len(message)} bytes, expected at most {LARGEST_DATAGRAM}')
-        await self._client.send(message)
+        self._own.sendto(message, self._peer)
 
-    async def receive(self) -> Sequence[bytes]:
+    async def receive(self) -> bytes:
         """Nothing ever comes."""
-        await asyncio.Event().wait()
-        return ()
+        return await asyncio.get_running_loop().create_future()
 
     def close(self) -> None:
         """Close the socket."""
-        self._client.close()
-
-
-def _pytak_config(address: CotAddress) -> Any:
-    parts = urlparse(address.url)
-    values = {
-        'COT_URL': f'{parts.scheme}+wo://{parts.netloc}', 'PYTAK_MULTICAST_TTL': '1',
-        'PYTAK_MULTICAST_LOCAL_ADDR': address.multicast_interface, 'PYTAK_TLS_CLIENT_CERT': address.client_cert,
-        'PYTAK_TLS_CLIENT_KEY': address.client_key, 'PYTAK_TLS_CLIENT_CAFILE': address.ca_file,
-        'PYTAK_TLS_CLIENT_CIPHERS': 'HIGH:!aNULL', PASSWORD: os.environ.get(PASSWORD, '')}
-    config = ConfigParser(interpolation=None)
-    config['cot'] = {name: value for name, value in values.items() if value}
-    return config['cot']
+        self._own.close()

@@ -33,34 +33,11 @@ def frame(message: bytes) -> bytes:
     return LENGTH.pack(len(message)) + message
 
 
-class FrameReader:
-    """Messages of a stream that arrives in pieces. It never holds more than one message of the largest size.
-
-    Parameters:
-        largest: size of the largest message that is accepted (bytes).
-    """
-
-    def __init__(self, largest: int = LARGEST_MESSAGE) -> None:
-        self._largest = largest
-        self._pending = bytearray()
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """The messages that are complete with `data`.
-
-        Raises FramingError for a length of 0 or above the largest, also when messages before it were complete.
-        """
-        self._pending += data
-        messages, start = [], 0
-        while len(self._pending) - start >= LENGTH.size:
-            size, = LENGTH.unpack_from(self._pending, start)
-            _check(size, self._largest)
-            end = start + LENGTH.size + size
-            if len(self._pending) < end:
-                break
-            messages.append(bytes(self._pending[start + LENGTH.size:end]))
-            start = end
-        del self._pending[:start]
-        return messages
+async def next_message(reader: asyncio.StreamReader) -> bytes:
+    """The next message of a stream. Raises FramingError for a length that none has, asyncio.IncompleteReadError at the end."""
+    size, = LENGTH.unpack(await reader.readexactly(LENGTH.size))
+    _check(size, LARGEST_RECEIVED)
+    return await reader.readexactly(size)
 
 
 def _check(size: int, largest: int) -> None:
@@ -79,7 +56,7 @@ async def connect(host: str, port: int) -> StreamChannel:
     plain = writer.get_extra_info('socket')
     plain.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, SILENT_MS)
-    return StreamChannel(reader, writer, frame, FrameReader(LARGEST_RECEIVED).feed)
+    return StreamChannel(reader, writer, next_message, frame)
 
 
 class SapientOutput:
