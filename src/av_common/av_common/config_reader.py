@@ -11,7 +11,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: 
                                                         if value is not None})
 
 
-def load(cls: type, path: str | Path, change: Callable[[Any], None] | None = None) -> Any:
+def load(cls: type, path: str | Path) -> Any:
     """Read a YAML file as an instance of the dataclass `cls`. Raises OSError for an unreadable file.
 
     Raises ConfigError, whose message is `file: key: value and what is expected`.
@@ -51,12 +51,9 @@ def load(cls: type, path: str | Path, change: Callable[[Any], None] | None = Non
     Parameters:
         cls: the dataclass.
         path: the file.
-        change: changes the content, as YAML gives it, before it is checked; it may raise ConfigError.
     """
     content = load_yaml(path)
     try:
-        if change is not None:
-            change(content)
         return read(cls, content, folder=Path(path).expanduser().parent)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from error

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 MISSING_AFTER_S = 1.0  # without messages, from which an input is reported as missing
+WINDOW_S = 5.0  # over which the rate is computed
 
 
 class RateMeter:
@@ -16,19 +17,15 @@ class RateMeter:
     Times are those of arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look new.
 
     Parameters:
-        window_s (s): duration over which the rate is computed.
         now: function that returns the time in s.
     """
 
-    def __init__(self, window_s: float = 5.0, now: Callable[[], float] = time.monotonic) -> None:
-        self.count = 0
-        self._window_s = window_s
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._arrivals: deque[float] = deque()
 
     def tick(self) -> None:
         """Count an event that happens now."""
-        self.count += 1
         self._arrivals.append(self._now())
         self._forget()
 
@@ -46,5 +43,5 @@ class RateMeter:
         return self._now() - self._arrivals[-1] if self._arrivals else math.inf
 
     def _forget(self) -> None:
-        while len(self._arrivals) > 1 and self._arrivals[0] < self._arrivals[-1] - self._window_s:
+        while len(self._arrivals) > 1 and self._arrivals[0] < self._arrivals[-1] - WINDOW_S:
             self._arrivals.popleft()

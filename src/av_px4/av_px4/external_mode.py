@@ -64,34 +64,17 @@ class Configure:
     registration: Registration
 
 
-@dataclass(frozen=True)
-class Answer:
-    """Reply to an arming check.
-
-    Parameters:
-        request_id: number of PX4's request
-        registration_id: number of the registration
-        can_run: whether the mode can run now
-    """
-
-    request_id: int
-    registration_id: int
-    can_run: bool
-
-
 class ExternalMode:
     """Client of PX4's registration: it registers, configures, answers arming checks, and registers again after a loss.
 
     Parameters:
         versions: of PX4's interface for external modes that the installed px4_msgs has the messages for
-        seed: seed of the random request numbers, for tests
     """
 
-    def __init__(self, versions: Collection[int] = (1, 2), seed: int | None = None) -> None:
+    def __init__(self, versions: Collection[int] = (1, 2)) -> None:
         self.registration: Registration | None = None
         self.problem = ''
         self._versions = versions
-        self._random = random.Random(seed)
         self._requests: list[int] = []        # the newest, of which any may still be granted
         self._ended: list[Registration] = []  # which PX4 may still have
         self._next = math.inf                 # time of the next request or end
@@ -139,7 +122,7 @@ class ExternalMode:
         if time < max(self._next, self._again) or self._foreign or self._disarmed_only:
             return None
         self._next = time + RETRY_S
-        self._requests = [*self._requests[-9:], self._random.getrandbits(63)]
+        self._requests = [*self._requests[-9:], random.getrandbits(63)]
         return Register(self._requests[-1])
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
@@ -188,13 +171,12 @@ class ExternalMode:
             self._configured = math.inf
             self.problem = '' if result == 0 else f'PX4 refuses position setpoints of an external mode (result {result})'
 
-    def on_question(self, time: float, request_id: int, can_run: bool, valid_mask: int | None = None) -> Answer | None:
-        """The reply to an arming check, None while no mode is registered.
+    def on_question(self, time: float, can_run: bool, valid_mask: int | None = None) -> bool | None:
+        """Whether to reply to an arming check that the mode can run; None while no mode is registered.
 
         Parameters:
             time (s): monotonic
-            request_id: number of PX4's request
-            can_run: whether the mode can run now
+            can_run: whether it can run now, as far as this rig knows
             valid_mask: one bit for each registration that PX4 regards as alive, None before PX4 1.17
         """
         if self.registration is None:
@@ -203,7 +185,7 @@ class ExternalMode:
         valid = valid_mask is None or bool(valid_mask >> number & 1) or self._question_at > time    # or it is the first
         if valid:
             self._question_at = max(self._question_at, time)
-        return Answer(request_id, number, can_run and valid and not self.problem)
+        return can_run and valid and not self.problem
 
     def active_mode(self, time: float) -> int | None:
         """nav_state of the registered mode if the registration is confirmed at `time` (s, monotonic), else None."""

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from av_common.frames import BASE_FRAME, ODOM_FRAME
 from av_common.stamps import to_stamp
 from av_px4.commands import COMPONENT, Command
-from av_px4.external_mode import MODE_NAME, Answer, Configure, Register, Registration
+from av_px4.external_mode import MODE_NAME, Configure, Register, Registration
 from av_px4.frames import Pose
 from av_px4.handover import VehicleStatus
 
@@ -119,11 +119,17 @@ def configure_message(messages: Any, timestamp: int, configure: Configure) -> tu
     return 'config_control_setpoints', message
 
 
-def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
-    """The ArmingCheckReply: what the mode requires, that it cannot be armed in, and whether it can run."""
+def answer_message(messages: Any, timestamp: int, request_id: int, registration: Registration, can_run: bool) -> Any:
+    """The ArmingCheckReply: what the mode requires, that it cannot be armed in, and whether it can run.
+
+    Parameters:
+        messages, timestamp: see above
+        request_id: number of PX4's request
+        registration: of the mode
+        can_run: whether it can run now
+    """
     message = messages.ArmingCheckReply(
-        timestamp=timestamp, request_id=answer.request_id, registration_id=answer.registration_id,
-        can_arm_and_run=answer.can_run)
+        timestamp=timestamp, request_id=request_id, registration_id=registration.arming_check_id, can_arm_and_run=can_run)
     _set(message, **dict.fromkeys(MODE_NEEDS, True))
     return message
 

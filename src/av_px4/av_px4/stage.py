@@ -266,9 +266,10 @@ class Px4Stage:
         inputs = self._guard_inputs()
         if self.mode is None or self._guard.waits(arrival.steady, inputs):
             return []    # an answer might bring the vehicle back to a mode that PX4 has left
-        answer = self.mode.on_question(arrival.steady, message.request_id, not self._guard.unwilling(inputs),
-                                       getattr(message, 'valid_registrations_mask', None))
-        return [self._out('arming_check_reply', px4.answer_message, answer)] if answer else []
+        can_run = self.mode.on_question(arrival.steady, not self._guard.unwilling(inputs),
+                                        getattr(message, 'valid_registrations_mask', None))
+        return [] if can_run is None else [self._out(
+            'arming_check_reply', px4.answer_message, message.request_id, self.mode.registration, can_run)]
 
     # decisions
 
