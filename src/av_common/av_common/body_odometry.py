@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,47 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from std_msgs.msg import Header
-from transforms3d.quaternions import mat2quat
+from transforms3d.quaternions import mat2quat, quat2mat
 
-from av_common.frames import BASE_FRAME, attitude_of
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.gimbal_history import NotYetKnownError
 from av_common.quaternions import Quaternion as Orientation
 from av_common.quaternions import inverse, product
 from av_common.stamps import to_seconds, to_stamp
 
 TF_WAIT_S = 1.0    # for the fixed frames, which come late where their publisher is found late
+
+
+class FixedFrames:
+    """Rotations between frames that do not move on each other, as `tf_static` has them."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, NDArray[np.float64]]] = {}
+
+    def learn(self, transforms: Iterable[Any]) -> list[str]:
+        """Take transforms; returns the frames of those that are left out, as their rotation is no unit quaternion."""
+        impossible = []
+        for transform in transforms:
+            attitude, frame = attitude_of(transform.transform.rotation), transform.child_frame_id.removeprefix('/')
+            if is_orientation(attitude):
+                self._parents[frame] = transform.header.frame_id.removeprefix('/'), quat2mat(attitude)
+            else:
+                impossible.append(frame)
+        return impossible
+
+    def ancestors(self, frame: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
+        """The frame and those that carry it, the nearest first, each with the rotation (3, 3) into it."""
+        rotation, seen = np.eye(3), set()
+        while frame not in seen:
+            yield frame, rotation
+            seen.add(frame)
+            frame, step = self._parents.get(frame, (frame, rotation))
+            rotation = step @ rotation
+
+    def rotation(self, frame: str) -> NDArray[np.float64] | None:
+        """Rotation (3, 3) from a frame to the body's; None where nothing that is fixed joins them."""
+        of_body = dict(self.ancestors(BASE_FRAME))
+        return next((of_body[name].T @ rotation for name, rotation in self.ancestors(frame) if name in of_body), None)
 
 
 class BodyOdometry:

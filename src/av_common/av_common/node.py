@@ -33,8 +33,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from tf2_msgs.msg import TFMessage
 
-from av_common.body_odometry import TF_WAIT_S, BodyOdometry
-from av_common.frame_tree import FrameTree
+from av_common.body_odometry import TF_WAIT_S, BodyOdometry, FixedFrames
 from av_common.frames import BASE_FRAME
 from av_common.launched import BEAT_PERIOD_S, HUNG, beat, report_started, restarts
 from av_common.parameter_node import ParameterNode
@@ -65,7 +64,7 @@ class TfOdometry(BodyOdometry):
     """
 
     def __init__(self, node: Node) -> None:
-        self._frames = FrameTree()
+        self._frames = FixedFrames()
         super().__init__(self._frames.rotation, TF_WAIT_S)
         node.create_subscription(TFMessage, 'tf_static', self._learn, FRAMES)
 

@@ -1,27 +1,113 @@
-"""Rotations of sensor frames by the tf of a rig."""
+"""Rotations of sensor frames from tf, by a listener that nothing received can spoil for good.
+
+The buffer of tf2 forgets neither frames nor stamps.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
+from tf2_ros import Buffer, TransformException
+from transforms3d.quaternions import quat2mat
 
-from av_common.frame_tree import FrameTree
-from av_common.frames import BASE_FRAME
-from av_common.gimbal_history import NEAREST_S
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
+from av_common.freshness import FUTURE_S
+from av_common.gimbal_history import NEAREST_S, RESTART_S, NotYetKnownError
 from av_common.qos import FRAMES
+from av_common.stamps import to_seconds
 
+LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
+MOST_FRAMES = 500  # of all robots on one tf
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
+
+
+class GuardedTransformListener:
+    """Adds the transforms of tf and tf_static to a buffer, and refuses those after which it would not find others.
+
+    The topics are relative, where tf2_ros has /tf and /tf_static: the frames of two rigs have the same names. Refused are an
+    ancestor that becomes a child of its descendant; a stamp of the future, after which tf2 takes no earlier one; a frame that
+    was fixed and now moves; and frames without number. What is refused is raised as ValueError once the rest of the message is
+    added, for the guard of the node's subscriptions to count.
+
+    Attributes:
+        version: number of messages with fixed frames, which change only by these.
+
+    Parameters:
+        buffer: gets the transforms.
+        node: subscribes.
+        namespace: of the rig, such as '/left/'; empty for that of the node.
+    """
+
+    def __init__(self, buffer: Buffer, node: Node, namespace: str = '') -> None:
+        self._parents: dict[str, str] = {}
+        self._fixed: set[str] = set()
+        self.version = 0
+        self._clock, self._now = node.get_clock(), -math.inf
+        self._buffer = buffer
+        node.create_subscription(TFMessage, f'{namespace}tf', self.callback, MOVING_QOS)
+        node.create_subscription(TFMessage, f'{namespace}tf_static', self.static_callback, FRAMES)
+
+    def callback(self, data: TFMessage) -> None:
+        """Take moving frames."""
+        now = 1e-9 * self._clock.now().nanoseconds
+        if now < self._now - RESTART_S:  # as where a bag begins again
+            self._buffer.clear()
+        self._now = now
+        self._take(data, fixed=False)
+
+    def static_callback(self, data: TFMessage) -> None:
+        """Take fixed frames."""
+        self.version += 1
+        self._take(data, fixed=True)
+
+    def _take(self, data: TFMessage, fixed: bool) -> None:
+        refused = ''
+        for transform in data.transforms:
+            problem = self._problem(transform, fixed)
+            if problem:
+                refused = f'{transform.child_frame_id[:50]!r} in {transform.header.frame_id[:50]!r}: {problem}'
+                continue
+            add = self._buffer.set_transform_static if fixed else self._buffer.set_transform
+            add(transform, 'default_authority')
+        if refused:
+            raise ValueError(refused)
+
+    def _problem(self, transform: TransformStamped, fixed: bool) -> str:
+        """Why a transform cannot be taken, '' where it can; notes its frames then."""
+        move, turn = transform.transform.translation, transform.transform.rotation
+        if not all(map(math.isfinite, (move.x, move.y, move.z))):
+            return 'the translation is not finite'
+        if not is_orientation(attitude_of(turn)):
+            return 'the rotation is no unit quaternion'
+        child, parent = (name.removeprefix('/') for name in (transform.child_frame_id, transform.header.frame_id))
+        if not child or not parent:
+            return 'a frame without name'
+        if not fixed and child in self._fixed:
+            return 'a fixed frame does not move'
+        if not fixed and to_seconds(transform.header.stamp) > self._now + FUTURE_S:
+            return 'a stamp of the future'
+        if child not in self._parents and len(self._parents) >= MOST_FRAMES:
+            return f'more than {MOST_FRAMES} frames'
+        ancestor: str | None = parent
+        while ancestor is not None:
+            if ancestor == child:
+                return 'a loop'
+            ancestor = self._parents.get(ancestor)
+        self._parents[child] = parent
+        if fixed:
+            self._fixed.add(child)
+        return ''
 
 
 class TfRotations:
     """Looks up how sensor frames are rotated on the rig's body, at the time of a measurement: they may move.
-
-    The topics are relative, where tf2_ros has /tf and /tf_static: the frames of two rigs have the same names. What the
-    `FrameTree` refuses is raised as ValueError once the rest of a message is taken, for the guard of the node's subscriptions
-    to count.
 
     Attributes:
         problem: why the newest look-up failed, empty when it did not.
@@ -29,36 +115,42 @@ class TfRotations:
     Parameters:
         node: subscribes to tf.
         nearest (s): how long after the newest transform that one is taken.
-        namespace: of the rig, such as '/left/'; empty for that of the node.
+        namespace: see `GuardedTransformListener`.
     """
 
     def __init__(self, node: Node, nearest: float = NEAREST_S, namespace: str = '') -> None:
         self.problem = ''
-        self._tree, self._nearest, self._clock = FrameTree(), nearest, node.get_clock()
+        self._nearest = nearest
+        self._buffer = Buffer()
         self._topic = node.resolve_topic_name(f'{namespace}tf_static')
-        node.create_subscription(TFMessage, f'{namespace}tf', self.on_moving, MOVING_QOS)
-        node.create_subscription(TFMessage, f'{namespace}tf_static', self.on_fixed, FRAMES)
-
-    def on_moving(self, message: TFMessage) -> None:
-        """Take moving frames. Raises ValueError for those that are refused."""
-        _raise(self._tree.learn(message.transforms, 1e-9 * self._clock.now().nanoseconds))
-
-    def on_fixed(self, message: TFMessage) -> None:
-        """Take fixed frames. Raises ValueError for those that are refused."""
-        _raise(self._tree.learn(message.transforms))
+        self._listener = GuardedTransformListener(self._buffer, node, namespace)
+        self._fixed: dict[str, NDArray[np.float64]] = {}  # rotations of frames that do not move
+        self._version = 0  # of the fixed frames when these were looked up
 
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
         """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
 
-        Raises NotYetKnownError where a transform of that time may still come.
+        The newest transform is taken for a time that is up to `nearest` later. Raises NotYetKnownError where a transform of
+        that time may still come.
         """
         self.problem = ''
-        rotation = self._tree.rotation(frame, time, self._nearest)
-        if rotation is None:
-            self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}'
+        if self._version != self._listener.version:
+            self._version = self._listener.version
+            self._fixed.clear()
+        if frame in self._fixed:
+            return self._fixed[frame]
+        try:
+            newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
+            late = time - newest if newest else 0.0
+            if self._nearest < late <= LATEST_S:
+                raise NotYetKnownError(f'no transform from {frame!r} to {BASE_FRAME!r} of the capture time yet')
+            at = newest if 0.0 < late <= self._nearest else time
+            found = self._buffer.lookup_transform(BASE_FRAME, frame, Time(nanoseconds=round(1e9 * at)))
+        except TransformException as error:
+            self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}: {error}'
+            return None
+        rotation: NDArray[np.float64] = quat2mat(attitude_of(found.transform.rotation))
+        if not newest:
+            rotation.flags.writeable = False
+            self._fixed[frame] = rotation
         return rotation
-
-
-def _raise(refused: dict[str, str]) -> None:
-    if refused:
-        raise ValueError('; '.join(f'{frame[:50]!r}: {why}' for frame, why in list(refused.items())[:5]))

@@ -318,7 +318,7 @@ def test_a_transform_without_rotation_is_left_out_and_named(tmp_path):
             write('/camera/camera_info', time, make.camera_info(time))
             write('/detections', time, make.detections(time, 0.0))
     replay, log = replayed(tmp_path / 'bag')
-    assert "the transform of 'camera_optical_frame' is left out: the rotation is no unit quaternion" in replay.notes
+    assert "the transform of 'camera_optical_frame' is left out: its rotation is no unit quaternion" in replay.notes
     assert replay.lost and np.abs(log.fused['azimuth'][-10:]).max() < 0.1
 
 

@@ -8,7 +8,6 @@ import rclpy
 from geometry_msgs.msg import Quaternion, TransformStamped
 from sensor_msgs.msg import CameraInfo
 from test_fusion_stage import Recorder, camera_info, detections, odometry
-from tf2_msgs.msg import TFMessage
 from transforms3d.euler import euler2quat
 from vision_msgs.msg import Detection2DArray
 
@@ -163,11 +162,12 @@ def yaw_of(rotation):
 
 
 def test_tf_is_asked_for_the_capture_time_and_never_kept(tf):
-    tf.on_fixed(TFMessage(transforms=[transform('microphones', 0.0, 0.5), transform('camera', 0.0, 0.1, 'gimbal_link')]))
+    tf._buffer.set_transform_static(transform('microphones', 0.0, 0.5), 'test')
+    tf._buffer.set_transform_static(transform('camera', 0.0, 0.1, 'gimbal_link'), 'test')
     assert tf.rotation('camera', T) is None
     assert 'camera' in tf.problem
     for step in range(3):
-        tf.on_moving(TFMessage(transforms=[transform('gimbal_link', T + 0.1 * step, 0.3 * step)]))
+        tf._buffer.set_transform(transform('gimbal_link', T + 0.1 * step, 0.3 * step), 'test')
     assert yaw_of(tf.rotation('microphones', T + 77.0)) == pytest.approx(0.5)
     assert yaw_of(tf.rotation('camera', T + 0.05)) == pytest.approx(0.25)
     assert yaw_of(tf.rotation('camera', T + 0.15)) == pytest.approx(0.55)

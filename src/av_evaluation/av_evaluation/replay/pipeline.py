@@ -16,7 +16,7 @@ from av_audio.stage import DoaStage
 from av_bags import topics as names
 from av_bags.definitions import serialiser
 from av_bags.reader import Bag
-from av_common.frame_tree import FrameTree
+from av_common.body_odometry import FixedFrames
 from av_common.frames import BASE_FRAME
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
@@ -178,7 +178,7 @@ class SensorFrames:
 
     Attributes:
         unknown: frames that were asked for in vain.
-        impossible: frames whose transforms are left out, with the reasons.
+        impossible: frames whose transform has a quaternion of another norm than 1; it is left out.
 
     Parameters:
         rig: the description.
@@ -186,7 +186,7 @@ class SensorFrames:
     """
 
     def __init__(self, rig: Rig, gimbal: GimbalHistory) -> None:
-        self._fixed = FrameTree()
+        self._fixed = FixedFrames()
         carrier = rig.gimbal.frame if rig.gimbal else BASE_FRAME
         self._described = {
             rig.array.frame: (BASE_FRAME, rig.array.mount.rotation), BASE_FRAME: (BASE_FRAME, np.eye(3))}
@@ -196,12 +196,12 @@ class SensorFrames:
         self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
-        self.impossible: dict[str, str] = {}
+        self.impossible: set[str] = set()
 
     def learn(self, bag: Bag, topic: str) -> None:
         """Take the transforms of a bag's topic; they go before the rig's description."""
         for _, _, data in bag.messages([topic]):
-            self.impossible |= self._fixed.learn(bag.decode(topic, data).transforms)
+            self.impossible |= set(self._fixed.learn(bag.decode(topic, data).transforms))
 
     def rotation(self, frame: str, time: float) -> NDArray | None:
         """From `frame` to the body at `time` (s); None where neither transforms nor the description know it.

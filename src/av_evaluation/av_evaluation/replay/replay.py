@@ -295,8 +295,8 @@ class Replay:
             self._conclude_fusion(self._fusion)
         for frame in sorted(self._odometry.assumed):
             self._note(f"odometry of {frame!r}: no transform from it to the body, it counts as the body's")
-        for frame, why in sorted(self._frames.impossible.items()):
-            self._lose(f'the transform of {frame!r} is left out: {why}')
+        for frame in sorted(self._frames.impossible):
+            self._lose(f'the transform of {frame!r} is left out: its rotation is no unit quaternion')
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 

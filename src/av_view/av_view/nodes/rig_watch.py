@@ -18,14 +18,13 @@ from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
 from av_bags.definitions import deserialiser
-from av_common.frame_tree import LATEST_S
 from av_common.frames import BASE_FRAME
 from av_common.guarded_node import Reader, check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
 from av_common.refused_inputs import BAD_INPUT
 from av_common.stamps import to_seconds
-from av_common.tf_rotations import TfRotations
+from av_common.tf_rotations import LATEST_S, TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import (
     AudioFrame,
