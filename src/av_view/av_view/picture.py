@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import struct
-from functools import cache
 
 import cv2
 from numpy.typing import NDArray
@@ -15,9 +12,6 @@ from av_vision.image import to_bgr8
 LONGEST_NS, MOST_BYTES = 1_500_000_000, 64 << 20  # of the images that wait for their detections
 WIDTH, QUALITY = 640, 70  # pixels, to which larger pictures are reduced; of JPEG
 STAMP = struct.Struct('<iI')  # of a header, after the encapsulation: the first field of an image
-RARE_COLLECTIONS = 20_000  # objects that are left before garbage is looked for; reference counts free almost all
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
-LARGEST_KEPT = 8 << 20  # bytes of one picture
 
 
 class RecentImages:
@@ -55,18 +49,3 @@ def jpeg_of(image: NDArray) -> bytes:
     if width > WIDTH:
         image = cv2.resize(image, (WIDTH, max(round(height * WIDTH / width), 1)), interpolation=cv2.INTER_AREA)
     return cv2.imencode('.jpg', to_bgr8(image), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
-
-
-@cache
-def settle() -> None:
-    """Keep what is there now out of collections, and freed memory for the next picture; to be called after imports.
-
-    glibc would give the memory of each picture back, and its page faults would cost a quarter of all processor time.
-    """
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(RARE_COLLECTIONS)
-    set_option = getattr(ctypes.CDLL(None), 'mallopt', None)
-    if set_option is not None:
-        set_option(M_MMAP_THRESHOLD, LARGEST_KEPT)
-        set_option(M_TRIM_THRESHOLD, 4 * LARGEST_KEPT)

@@ -34,7 +34,7 @@ from av_view.numbers import (
     degrees,
     number,
 )
-from av_view.world_map import WorldMap
+from av_view.world_map import world_part
 
 MOST_DELAYS, MOST_MARKS, MOST_SECTORS = 100, 50, 720  # of the delays the median is shown
 MOST_PAST = 30  # bearings and directions that may belong to a picture
@@ -45,33 +45,35 @@ class RigState:
     """The newest message of each topic of a rig, and what follows from them for people who watch.
 
     Attributes:
+        newest: the newest message by what it is of: bearing, fusion, doa, detections, tracks, command, posterior, world.
         camera: the camera as it was turned at the time of the picture; None while it is unknown.
-        detections: the newest `Detection2DArray`; None before the first.
         sound: the newest directions of arrival in the body frame, the most confident first.
-        world: the map of several rigs.
     """
 
     def __init__(self) -> None:
+        self.newest: dict[str, Any] = {}
         self.camera: CameraView | None = None
-        self.detections: Any = None
         self.sound: Sequence[DoaMeasurement] = ()
-        self.world = WorldMap()
-        self._bearing: Any = None
         self._bearings: deque[tuple[float, Any]] = deque(maxlen=MOST_PAST)
         self._heard: deque[tuple[float, Sequence[DoaMeasurement]]] = deque(maxlen=MOST_PAST)
         self._picture: tuple[float, tuple[int, int], Any] | None = None
-        self._fusion: Any = None
-        self._doa: Any = None
-        self._tracks: Any = None
-        self._command: Any = None
         self._heading: float | None = None
         self._rig_truth: Any = None
         self._truths: dict[str, Any] = {}
         self._spectrum: list[float] = []
         self._snr = math.nan
-        self._posterior: Any = None
         self._marks: deque[tuple[float, str]] = deque(maxlen=MOST_MARKS)
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
+
+    def take(self, what: str, message: Any, _arrival: float = 0.0) -> None:
+        """Take a message in place of the one before. Raises ValueError for an impossible stamp.
+
+        Parameters:
+            what: it is of, see `newest`.
+            message: the message.
+        """
+        to_seconds(message.header.stamp)
+        self.newest[what] = message
 
     def on_bearing(self, message: Any, arrival: float) -> None:
         """Take a `Bearing`. Raises ValueError for a state that is not defined, an impossible stamp, or no azimuth.
@@ -82,17 +84,13 @@ class RigState:
         """
         if State(message.state) != State.NONE and not math.isfinite(message.azimuth):
             raise ValueError(f'azimuth is {message.azimuth}, expected a number')
-        measured, stamp = to_seconds(message.measured), to_seconds(message.header.stamp)
-        self._bearing = message
-        self._bearings.append((stamp, message))
+        measured = to_seconds(message.measured)
+        self.take('bearing', message)
+        self._bearings.append((to_seconds(message.header.stamp), message))
         if message.attitude_known and math.isfinite(message.azimuth_world):
             self._heading = float(wrap(message.azimuth_world - message.azimuth))
         if message.state != State.NONE and measured > 0.0:
             self._delays.append(arrival - measured)
-
-    def on_fusion(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `FusionState`."""
-        self._fusion = message
 
     def on_doa(self, message: Any, measurements: Sequence[DoaMeasurement]) -> None:
         """Take a `DoaArray`. Raises ValueError for an impossible stamp.
@@ -101,9 +99,9 @@ class RigState:
             message: the message.
             measurements: its directions in the body frame, the most confident first.
         """
-        stamp = to_seconds(message.header.stamp)
-        self._doa, self.sound = message, measurements[:MOST_GROUPS]
-        self._heard.append((stamp, self.sound))
+        self.take('doa', message)
+        self.sound = measurements[:MOST_GROUPS]
+        self._heard.append((to_seconds(message.header.stamp), self.sound))
 
     def on_picture(self, time: float, size: tuple[int, int], detections: Any) -> None:
         """Note which picture is shown.
@@ -115,21 +113,10 @@ class RigState:
         """
         self._picture = (time, size, detections)
 
-    def on_detections(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `Detection2DArray`. Raises ValueError for an impossible stamp."""
-        to_seconds(message.header.stamp)
-        self.detections = message
-
-    def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `TrackArray`. Raises ValueError for an impossible stamp."""
-        to_seconds(message.header.stamp)
-        self._tracks = message
-
     def on_command(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a `PointingCommand`. Raises ValueError for a mode that is not defined, or an impossible stamp."""
         Mode(message.mode)
-        to_seconds(message.header.stamp)
-        self._command = message
+        self.take('command', message)
 
     def on_truth(self, name: str, message: Any, _arrival: float = 0.0) -> None:
         """Take a true pose of a simulation, an `Odometry`.
@@ -145,11 +132,10 @@ class RigState:
 
     def on_posterior(self, message: Any, _arrival: float = 0.0) -> None:
         """Take an `AzimuthPosterior`. Raises ValueError for one that has too many sectors, or numbers that are none."""
-        to_seconds(message.header.stamp)
         probability = np.asarray(message.probability, float)
         if len(probability) > MOST_SECTORS or not (np.isfinite(probability) & (probability >= 0.0)).all():
             raise ValueError(f'a posterior of {len(probability)} sectors, expected up to {MOST_SECTORS} probabilities')
-        self._posterior = message
+        self.take('posterior', message)
 
     def on_mark(self, message: Any, _arrival: float = 0.0) -> None:
         """Take a mark, a `Log`. Raises ValueError for an impossible stamp."""
@@ -173,10 +159,19 @@ class RigState:
             'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
             'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
             'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
-            'world': self.world.part(now)}
+            'world': self._world_part(now)}
+
+    def _fresh(self, what: str, now: float) -> Any:
+        """The newest message of what is asked for; None without one of the last STALE_S."""
+        message = self.newest.get(what)
+        return None if message is None or now - to_seconds(message.header.stamp) > STALE_S else message
+
+    def _world_part(self, now: float) -> dict[str, Any] | None:
+        message = self._fresh('world', now)
+        return None if message is None else world_part(message)
 
     def _bearing_part(self) -> dict[str, Any] | None:
-        message = self._bearing
+        message = self.newest.get('bearing')
         if message is None:
             return None
         return {
@@ -191,38 +186,30 @@ class RigState:
         if self._picture is None or now - self._picture[0] > PICTURE_STALE_S:
             return None
         time, size, detections = self._picture
-        bearing, heard = _nearest(self._bearings, time), _nearest(self._heard, time)
+        bearing, heard = _nearest(self._bearings, time), _nearest(self._heard, time) or ()
         boxes = detections.detections[:MOST_BOXES] if detections else ()
+        camera = self.camera
+        line: list[list[float]] = []
+        band, centre = line, None
+        if camera and bearing and bearing.state != State.NONE:
+            line = camera.meridian(bearing.azimuth)
+            if 0.0 <= bearing.azimuth_variance < math.inf:
+                band = camera.band(bearing.azimuth, math.sqrt(bearing.azimuth_variance))
+            if _sigma(bearing.elevation_variance) is not None:
+                centre = camera.point(bearing.azimuth, bearing.elevation)
         return {'age': number(now - time), 'detected': detections is not None,
-                'boxes': [_box(box, size) for box in boxes if box.results],
-                'line': self._line(bearing) if bearing else [], 'band': self._band(bearing) if bearing else [],
-                'centre': self._centre(bearing) if bearing else None,
-                'heard': [self.camera.meridian(image.azimuth) for doa in heard or () for image in doa.hypotheses]
-                if self.camera else []}
+                'boxes': [_box(box, size) for box in boxes if box.results], 'line': line, 'band': band, 'centre': centre,
+                'heard': [camera.meridian(image.azimuth) for doa in heard for image in doa.hypotheses] if camera else []}
 
     def _posterior_part(self, now: float) -> list[float]:
         """Probabilities of the sectors relative to the most probable one; empty without recent ones."""
-        message = self._posterior
-        if message is None or now - to_seconds(message.header.stamp) > STALE_S or not any(message.probability):
+        message = self._fresh('posterior', now)
+        if message is None or not any(message.probability):
             return []
         return [round(float(value), 3) for value in np.asarray(message.probability, float) / max(message.probability)]
 
-    def _line(self, message: Any) -> list[list[float]]:
-        return self.camera.meridian(message.azimuth) if self.camera and message.state != State.NONE else []
-
-    def _band(self, message: Any) -> list[list[float]]:
-        if self.camera is None or message.state == State.NONE or not 0.0 <= message.azimuth_variance < math.inf:
-            return []
-        return self.camera.band(message.azimuth, math.sqrt(message.azimuth_variance))
-
-    def _centre(self, message: Any) -> list[float] | None:
-        """Where the bearing is in the picture; None while its elevation is unknown."""
-        if self.camera is None or message.state == State.NONE or _sigma(message.elevation_variance) is None:
-            return None
-        return self.camera.point(message.azimuth, message.elevation)
-
     def _fusion_part(self) -> dict[str, Any] | None:
-        message = self._fusion
+        message = self.newest.get('fusion')
         if message is None:
             return None
         return {
@@ -230,15 +217,15 @@ class RigState:
             'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence)}
 
     def _sound_part(self, now: float) -> dict[str, Any] | None:
-        if self._doa is None or now - to_seconds(self._doa.header.stamp) > STALE_S:
+        if self._fresh('doa', now) is None:
             return None
         groups = [{'confidence': number(doa.confidence),
                    'images': [{'azimuth': degrees(image.azimuth)} for image in doa.hypotheses]} for doa in self.sound]
         return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
 
     def _sight_part(self, now: float) -> dict[str, Any] | None:
-        message = self.detections
-        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+        message = self._fresh('detections', now)
+        if message is None:
             return None
         return {'boxes': [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]}
 
@@ -255,8 +242,8 @@ class RigState:
                 'view': degrees(self.camera.model.horizontal_fov_rad)}
 
     def _tracks_part(self, now: float) -> list[dict[str, Any]]:
-        message = self._tracks
-        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+        message = self._fresh('tracks', now)
+        if message is None:
             return []
         return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
 
@@ -283,8 +270,8 @@ class RigState:
         return targets
 
     def _command_part(self, now: float) -> dict[str, Any] | None:
-        message = self._command
-        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+        message = self._fresh('command', now)
+        if message is None:
             return None
         return {'mode': Mode(message.mode).name.lower(), 'reason': message.reason[:LONGEST_TEXT],
                 'pan': degrees(message.pan) if message.move_gimbal else None,

@@ -7,34 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from av_common.stamps import to_seconds
-from av_view.numbers import LONGEST_NAME, MOST_TRACKS, STALE_S, number
+from av_view.numbers import LONGEST_NAME, MOST_TRACKS, number
 
 MOST_RIGS = 20  # of one map
 
 
-class WorldMap:
-    """The newest `WorldTrackArray`. Metres in its common frame, x to the east and y to the north.
-
-    Attributes:
-        message: the newest message; None before the first.
-    """
-
-    def __init__(self) -> None:
-        self.message: Any = None
-
-    def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `WorldTrackArray`. Raises ValueError for an impossible stamp."""
-        to_seconds(message.header.stamp)
-        self.message = message
-
-    def part(self, now: float) -> dict[str, Any] | None:
-        """The tracks and rigs at `now` (s); None without recent ones."""
-        message = self.message
-        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
-            return None
-        tracks = [found for found in map(_track, message.tracks[:MOST_TRACKS]) if found is not None]
-        return {'tracks': tracks, 'rigs': [_rig(rig) for rig in message.rigs[:MOST_RIGS] if _is_placed(rig.position)]}
+def world_part(message: Any) -> dict[str, Any]:
+    """The tracks and rigs of a `WorldTrackArray`, in metres in its common frame, x to the east and y to the north."""
+    tracks = [found for found in map(_track, message.tracks[:MOST_TRACKS]) if found is not None]
+    return {'tracks': tracks, 'rigs': [_rig(rig) for rig in message.rigs[:MOST_RIGS] if _is_placed(rig.position)]}
 
 
 def _track(track: Any) -> dict[str, Any] | None:

@@ -58,7 +58,7 @@ def test_truth_and_tracks_are_where_they_are():
     state.on_truth('target', pose(1.0, 22.0, 0.0))
     message = TrackArray(tracks=[Track(id=3, class_id='drone', azimuth=math.pi / 2, range=5.0)], selected=3)
     message.header.stamp.sec = int(NOW)
-    state.on_tracks(message)
+    state.take('tracks', message)
     made = markers(state.snapshot(NOW), heard()[1], 'body')
     assert points(named(made, 'truth')[0])[0] == pytest.approx([20.0, 0.0, 0.0], abs=0.05)
     assert points(named(made, 'tracks')[0])[1] == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)

@@ -50,7 +50,7 @@ def test_boxes_are_shares_of_the_picture_with_their_azimuths():
     state = RigState()
     state.camera = CAMERA
     detections = seen(319.5, 239.5)
-    state.on_detections(detections)
+    state.take('detections', detections)
     assert state.snapshot(NOW)['picture'] is None
     state.on_picture(NOW - 0.1, (640, 480), detections)
     (box,), (direction,) = (state.snapshot(NOW)[part]['boxes'] for part in ('picture', 'sight'))
@@ -92,7 +92,7 @@ def test_rows_hold_what_diagrams_show():
     state.camera = CAMERA
     state.on_doa(*heard())
     state.on_bearing(bearing(), NOW)
-    state.on_detections(seen(319.5, 239.5))
+    state.take('detections', seen(319.5, 239.5))
     row = dict(zip(COLUMNS, row_of(state.snapshot(NOW)), strict=True))
     assert (row['sound'], row['mirror'], row['sight']) == pytest.approx((5.7, 174.3, 0.0), abs=0.06)
     assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None
@@ -103,7 +103,7 @@ def test_tracks_with_their_names():
     track = Track(id=7, class_id='bird', azimuth=0.2, covariance_world=[0.01, 0.0, 0.0, 0.01], range=42.0, existence=0.9)
     message = TrackArray(tracks=[track], selected=7)
     message.header.stamp = to_stamp(NOW)
-    state.on_tracks(message)
+    state.take('tracks', message)
     (part,) = state.snapshot(NOW)['tracks']
     assert part['name'] == 'bird' and part['selected'] and part['range'] == 42.0
 
@@ -146,29 +146,29 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
         state.on_bearing(bearing(azimuth=math.nan), NOW)
     state.on_doa(DoaArray(level=value, header=heard()[0].header),
                  [DoaMeasurement(NOW, (Hypothesis(value, value),) * 2, value)])
-    state.on_fusion(FusionState(sound_confidence=value, visibility=value, front_probability=value))
+    state.take('fusion', FusionState(sound_confidence=value, visibility=value, front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
-    state.on_detections(seen(value, value, value, value, value))
+    state.take('detections', seen(value, value, value, value, value))
     state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))
     state.on_spectrum([0.0], value)
     state.on_truth('rig', pose(0.0, 0.0, 0.0))
     state.on_truth('target', pose(value, value, 0.0))
     message = TrackArray(tracks=[Track(azimuth=value, elevation_world=value, range=value, covariance_world=[value] * 4)])
     message.header.stamp = to_stamp(NOW)
-    state.on_tracks(message)
+    state.take('tracks', message)
     snapshot = state.snapshot(NOW)
     json.dumps([snapshot, row_of(snapshot)], allow_nan=False)
 
 
-@pytest.mark.parametrize('name', ['on_doa', 'on_detections', 'on_tracks', 'on_command'])
-def test_impossible_stamps_are_refused(name):
-    kind, more = {'on_doa': (DoaArray, [()]), 'on_detections': (Detection2DArray, []), 'on_tracks': (TrackArray, []),
-                  'on_command': (PointingCommand, [])}[name]
+@pytest.mark.parametrize(('kind', 'take'), [
+    (DoaArray, lambda state, message: state.on_doa(message, ())), (PointingCommand, RigState.on_command),
+    (Detection2DArray, lambda state, message: state.take('detections', message))])
+def test_impossible_stamps_are_refused(kind, take):
     message = kind()
     message.header.stamp.sec = -5
     state = RigState()
     with pytest.raises(ValueError, match='stamp'):
-        getattr(state, name)(message, *more)
+        take(state, message)
     state.snapshot(NOW)
 
 

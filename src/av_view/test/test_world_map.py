@@ -12,7 +12,8 @@ from view_messages import NOW
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigPose, WorldTrack, WorldTrackArray
-from av_view.world_map import WorldMap, ellipse
+from av_view.rig_state import RigState
+from av_view.world_map import ellipse
 
 
 def message(*tracks, rigs=()):
@@ -33,27 +34,27 @@ def test_an_ellipse_holds_39_percent_of_the_positions():
 
 
 def test_tracks_and_rigs_have_their_places_while_they_are_recent():
-    world = WorldMap()
+    state = RigState()
     covariance = [4.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 9.0]
     track = WorldTrack(id=3, class_id='drone', position=Point(x=10.0, y=20.0, z=5.0), position_covariance=covariance,
                        positioned=True, rigs=['left', 'right'])
     rigs = [RigPose(name='left', position=Point(x=1.0)), RigPose(name='lost', position=Point(x=math.nan))]
-    world.on_tracks(message(track, rigs=rigs))
-    part = world.part(NOW)
+    state.take('world', message(track, rigs=rigs))
+    part = state.snapshot(NOW)['world']
     assert [rig['name'] for rig in part['rigs']] == ['left']
     (found,) = part['tracks']
     assert (found['x'], found['y'], found['z'], found['rigs']) == (10.0, 20.0, 5.0, ['left', 'right'])
     assert found['ellipse'][:2] == [2.0, 1.0] and abs(found['ellipse'][2]) % 180.0 == 0.0
-    assert world.part(NOW + 5.0) is None
+    assert state.snapshot(NOW + 5.0)['world'] is None
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -1e300, 1e300])
 def test_numbers_that_json_cannot_hold_are_left_out(value):
-    world = WorldMap()
-    world.on_tracks(message(WorldTrack(position=Point(x=value)), WorldTrack(position_covariance=[value] * 9),
+    state = RigState()
+    state.take('world', message(WorldTrack(position=Point(x=value)), WorldTrack(position_covariance=[value] * 9),
                             rigs=[RigPose(position=Point(y=value))]))
-    json.dumps(world.part(NOW), allow_nan=False)
+    json.dumps(state.snapshot(NOW)['world'], allow_nan=False)
     bad = message()
     bad.header.stamp.sec = -5
     with pytest.raises(ValueError, match='stamp'):
-        world.on_tracks(bad)
+        state.take('world', bad)

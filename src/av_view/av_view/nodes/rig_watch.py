@@ -97,13 +97,13 @@ class RigWatch:
                    period=CAMERA_PERIOD_S)
         self._read(Image, 'camera/image_raw', lambda data, _: self._images.add(data), ALL_IMAGES, decode=bytes)
         self._read(Bearing, 'target/bearing', state.on_bearing, NEWEST_RESULT)
-        self._read(FusionState, 'fusion/state', state.on_fusion, NEWEST_RESULT)
-        self._read(TrackArray, 'targets', state.on_tracks, NEWEST_RESULT)
+        self._read(FusionState, 'fusion/state', partial(state.take, 'fusion'), NEWEST_RESULT)
+        self._read(TrackArray, 'targets', partial(state.take, 'tracks'), NEWEST_RESULT)
         self._read(AzimuthPosterior, 'fusion/posterior', state.on_posterior, NEWEST_RESULT)
         self._read(Log, 'marks', state.on_mark, RESULT)
         self._read(PointingCommand, 'pointing/command', state.on_command, NEWEST_RESULT)
         self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
-        self._read(Detection2DArray, 'detections', state.on_detections)
+        self._read(Detection2DArray, 'detections', partial(state.take, 'detections'))
         self._read(AudioFrame, 'audio/frames', self._on_audio, period=SPECTRUM_PERIOD_S)
         self._decode_image = deserialiser('sensor_msgs/msg/Image')
         self._entities = [entity for entity in node.entities() if entity not in before]
@@ -116,7 +116,7 @@ class RigWatch:
             if topic.startswith(beginning) and 'nav_msgs/msg/Odometry' in kinds and f'{TRUTH}{name}' not in self._topics:
                 self._read(Odometry, f'{TRUTH}{name}', partial(self._state.on_truth, name))
             elif WORLD in kinds and WORLD not in self._topics:
-                self._read(WorldTrackArray, WORLD, self._state.world.on_tracks, NEWEST_RESULT, topic)
+                self._read(WorldTrackArray, WORLD, partial(self._state.take, 'world'), NEWEST_RESULT, topic)
         self._entities += [entity for entity in self._node.entities() if entity not in before]
 
     def update(self, pictures: bool) -> None:
@@ -145,7 +145,7 @@ class RigWatch:
         """The state of the newest update, for RViz and Foxglove."""
         made = markers(self.snapshot, self._state.sound, BASE_FRAME)
         if self.snapshot['world'] is not None:
-            made.markers.extend(world_markers(self._state.world.message))
+            made.markers.extend(world_markers(self._state.newest['world']))
         return made
 
     def close(self) -> None:
@@ -172,7 +172,7 @@ class RigWatch:
 
         Empty where it is shown already, or where it is not to be encoded.
         """
-        detections = self._state.detections
+        detections = self._state.newest.get('detections')
         stamp = 0 if detections is None else detections.header.stamp.sec * 1_000_000_000 + detections.header.stamp.nanosec
         detected = detections is not None and self._node.now() - 1e-9 * stamp < STALE_S
         data = self._images.get(stamp) if detected else None

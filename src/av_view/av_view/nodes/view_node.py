@@ -27,7 +27,6 @@ from av_view.feed import Feed
 from av_view.health import MOST_NODES, Health
 from av_view.nodes.rig_control import BagFolder, RigControl
 from av_view.nodes.view_node_parameters import view_node as parameters
-from av_view.picture import settle
 from av_view.server import ViewServer
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class ViewNode(RigNode):
     """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at.
 
     Parameters:
-        owns_process: whether nothing else is in this process, so that its priority and its garbage collection can be set.
+        owns_process: whether nothing else is in this process, so that its priority can be set.
     """
 
     def __init__(self, owns_process: bool = False) -> None:
@@ -170,8 +169,6 @@ class ViewNode(RigNode):
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
 
-        if self._owns_process:
-            settle()
         return RigWatch(self, rig, partial(self.server.put, rig=rig))
 
     def _unwatch(self, rig: str) -> None:
