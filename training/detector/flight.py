@@ -46,7 +46,8 @@ def paths(data: File, split: str, camera: str = 'V') -> Iterator[tuple[str, floa
             last = time
             path.add(time, 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2] - padding).max()))
             if time >= next_s:
-                yield (clip.split('_')[1], *path.motion(), path.size)
+                speed, acceleration, _ = path.motion()
+                yield clip.split('_')[1], speed / path.size, acceleration / path.size, path.size
                 next_s = time + EVERY_S
 
 

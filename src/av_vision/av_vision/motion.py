@@ -61,15 +61,19 @@ class MotionModel:
 
         That of specks includes the odds of what rests.
         """
-        speck = min(max(self.moves(path), -DECIDED) - self.rests, 0.0) if path.size < self.speck else 0.0
-        speed, acceleration = path.motion() if self.gain else (0.0, 0.0)
-        if speed < self.least_speed:
+        size, (speed, acceleration, noise) = path.size, path.motion()
+        speck = min(max(self.moves(acceleration, noise), -DECIDED) - self.rests, 0.0) if size < self.speck else 0.0
+        if speed / size < self.least_speed:
             return speck
-        return speck + min(self.gain * math.log((acceleration + FAINT) / (self.neutral + FAINT)), 0.0)
+        return speck + min(self.gain * math.log((acceleration / size + FAINT) / (self.neutral + FAINT)), 0.0)
 
-    def moves(self, path: Path) -> float:
-        """Log-likelihood ratio of the acceleration of a drone to that of noise; 0 for a path that is too short."""
-        acceleration, noise = path.acceleration()
+    def moves(self, acceleration: float, noise: float) -> float:
+        """Log-likelihood ratio of an acceleration being that of a drone to being noise; 0 for none.
+
+        Parameters:
+            acceleration (pixels/s^2): of a path.
+            noise (pixels/s^2): standard deviation of each component of it.
+        """
         if not acceleration > 0.0:
             return 0.0
         drone = -0.5 * (math.log(acceleration / self.bend) / self.bends) ** 2 - math.log(
@@ -108,29 +112,13 @@ class Path:
         """Median size in pixels; inf for an empty path."""
         return float(np.median([size for _, _, size in self._points])) if self._points else math.inf
 
-    def motion(self) -> tuple[float, float]:
-        """Mean speed in sizes/s and acceleration in sizes/s^2; zeros for a path that is too short."""
-        if self._short:
-            return 0.0, 0.0
-        speed, acceleration, _ = motion_of(*self._track())
-        return speed / self.size, acceleration / self.size
-
-    def acceleration(self) -> tuple[float, float]:
-        """Acceleration, and the noise of each component of it (pixels/s^2); zeros for a path that is too short."""
-        if self._short:
-            return 0.0, 0.0
-        _, acceleration, noise = motion_of(*self._track())
-        return acceleration, noise
-
-    @property
-    def _short(self) -> bool:
-        times = {time for time, _, _ in self._points}    # stamps of whole seconds, for example, repeat
-        return len(times) < LEAST_POINTS or self._points[-1][0] - self._points[0][0] < LEAST_S
-
-    def _track(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) in s from 0 on and centres (n, 2) in pixels."""
-        return (np.array([time for time, _, _ in self._points]) - self._points[0][0],
-                np.array([centre for _, centre, _ in self._points]))
+    def motion(self) -> tuple[float, float, float]:
+        """Mean speed (pixels/s), acceleration and the noise of each of its components (pixels/s^2); zeros for a short path."""
+        times, centres = (np.array(part) for part in list(zip(*self._points, strict=True))[:2] or ((), ()))
+        # Stamps of whole seconds, for example, repeat.
+        if len(np.unique(times)) < LEAST_POINTS or times[-1] - times[0] < LEAST_S:
+            return 0.0, 0.0, 0.0
+        return motion_of(times - times[0], centres)
 
 
 def motion_of(times: NDArray, centres: NDArray) -> tuple[float, float, float]:

@@ -6,7 +6,6 @@ rows, each of a box; what their columns are is a `Reading`. Tables of boxes, who
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -38,15 +37,14 @@ class Layout:
     """Format of the input and of the output of an export.
 
     Parameters:
-        read: function from rows (n, k), input size (height, width) and threshold to boxes and probabilities. It may raise
-            LayoutError.
+        reader: tells boxes and probabilities by rows.
         classes: number of classes; 0 if it is unknown.
         rgb: whether the input is RGB from 0 to 1 instead of BGR from 0 to 255.
         turned: whether rows of boxes are columns of the output.
         in_cells: whether boxes are offsets and logarithms of sizes in cells, as YOLOX is trained.
     """
 
-    read: Callable[[NDArray, tuple[int, int], float], Decoded]
+    reader: Reading | RowReader
     classes: int
     rgb: bool = True
     turned: bool = False
@@ -65,7 +63,7 @@ class Layout:
             cells, strides = grid(size, STRIDES[:3])
             with np.errstate(over='ignore'):    # infinite boxes are left out
                 rows = np.concatenate([(rows[:, :2] + cells) * strides, np.exp(rows[:, 2:4]) * strides, rows[:, 4:]], axis=1)
-        return self.read(rows, size, threshold)
+        return self.reader.decode(rows, size, threshold)
 
 
 @lru_cache(maxsize=16)
@@ -114,7 +112,7 @@ def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layou
             raise LayoutError('undecoded YOLOX with a stride of 64 is not known')
         in_cells = is_yolox and not decoded
         reading = Reading(Form() if in_cells else form, objectness=objectness)
-        return Layout(reading.decode, columns - 4 - objectness, not is_yolox, turned, in_cells)
+        return Layout(reading, columns - 4 - objectness, not is_yolox, turned, in_cells)
     if b >= 5 and a <= MOST_ROWS and (b in TABLE_COLUMNS or output.any()):
         reader = RowReader(classes)
         reader.learn(rows, size)

@@ -37,16 +37,15 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
     return canvas, scale
 
 
-def fitting_size(image_height: int, image_width: int, longest: int, multiple: int = 32) -> tuple[int, int]:
-    """Height and width, multiples of `multiple`, into which an image fits when its longer side becomes `longest`.
+def fitting_size(image_height: int, image_width: int, longest: int) -> tuple[int, int]:
+    """Height and width, multiples of 32, into which an image fits when its longer side becomes `longest`.
 
     Parameters:
         image_height, image_width (pixels): size of the image.
         longest (pixels): longer side of the scaled image.
-        multiple (pixels): both sides of the result are multiples of it.
     """
     scale = longest / max(image_height, image_width)
-    height, width = (max(math.ceil(round(side * scale) / multiple), 1) * multiple for side in (image_height, image_width))
+    height, width = (max(math.ceil(round(side * scale) / 32), 1) * 32 for side in (image_height, image_width))
     return height, width
 
 

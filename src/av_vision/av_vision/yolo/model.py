@@ -73,7 +73,7 @@ class Model:
     @property
     def columns(self) -> str:
         """What the columns of a table of boxes are taken for; empty for layouts of cells."""
-        reader = self.layout.read
+        reader = self.layout.reader
         return reader.columns if isinstance(reader, RowReader) else ''
 
     @property
@@ -91,7 +91,7 @@ class Model:
         return np.asarray(output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output, np.float32)
 
     def settle(self, tensor: NDArray, output: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
-        """Look at an image mirrored where that tells orders of the columns of a table apart. Raises ModelError.
+        """Learn what the columns of a table are, also from the mirrored image where that tells orders apart. Raises ModelError.
 
         Parameters:
             tensor (1, 3, height, width): the image, as `run` takes it.
@@ -99,10 +99,10 @@ class Model:
             size: height and width of the input in pixels.
             shown: height and width of the image in the input.
         """
-        reader = self.layout.read
+        reader = self.layout.reader
         try:
-            if isinstance(reader, RowReader) and reader.asks(output, size):
-                reader.compare(output, self.run(np.ascontiguousarray(tensor[..., ::-1]))[0], size, shown)
+            if isinstance(reader, RowReader):
+                reader.settle(output, size, shown, lambda: self.run(np.ascontiguousarray(tensor[..., ::-1]))[0])
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error
 

@@ -8,6 +8,7 @@ image tells: what is at x is then at width - x. Of those that are left after tha
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -242,30 +243,23 @@ class RowReader:
         # A score that is 0 in each row says nothing, and is rather another column.
         self._left = sorted(left, key=lambda reading: len(seen) > 0 and not reading.scores(seen).any())
 
-    def asks(self, rows: NDArray, size: tuple[int, int]) -> bool:
-        """Whether the mirrored image would tell readings apart: rows (n, k) show something, and several are left.
+    def settle(self, rows: NDArray, size: tuple[int, int], shown: tuple[float, float], mirrored: Callable[[], NDArray]) -> None:
+        """Learn from a table, and from that of the mirrored image where something is seen and several readings are left.
 
         Parameters:
             rows (n, k): output for one image.
-            size: height and width of the input in pixels.
-        """
-        def open_now() -> bool:
-            left = self._left or []
-            return len({reading.form for reading in left}) > 1 and any(len(reading.likely(rows)) for reading in left)
-        if not self._to_mirror or not open_now():
-            return False
-        self.learn(rows, size)
-        return open_now()
-
-    def compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
-        """Drop the readings in which less than in others is where it must be, over all images so far.
-
-        Parameters:
-            rows (n, k): output for one image.
-            mirrored (n, k): output for the same image with left and right exchanged.
             size: height and width of the input in pixels.
             shown: height and width of the image in the input; no object is beyond it.
+            mirrored: function that gives the output (n, k) for the same image with left and right exchanged.
         """
+        self.learn(rows, size)
+        left = self._left or []
+        several = len({reading.form for reading in left}) > 1
+        if several and self._to_mirror and any(len(reading.likely(rows)) for reading in left):
+            self._compare(rows, mirrored(), size, shown)
+
+    def _compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
+        """Drop the readings in which less than in others is where it must be, over all images so far."""
         self._to_mirror -= 1
         rows, mirrored = telling(rows), telling(mirrored)
         for reading in self._left or []:
@@ -280,8 +274,7 @@ class RowReader:
             self._left = left
             self._overlaps = {reading: self._overlaps[reading] for reading in left}
 
-    def __call__(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
+    def decode(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
         """As `Reading.decode`, by the most usual reading that is left."""
-        self.learn(rows, size)
-        assert self._left is not None
+        assert self._left, 'settle comes first'
         return self._left[0].decode(rows, size, threshold)
