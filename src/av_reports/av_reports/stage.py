@@ -107,8 +107,7 @@ class ReportStage:
         """
         if not self.settings.positions:
             heading = None if self._attitude_known else self.settings.heading
-            known = self._attitude_known or heading is not None or not self.settings.north
-            self._tracks = tuple(bearing_tracks(message, heading, self.settings.north, to_utc)) if known else ()
+            self._tracks = () if self._is_lost else tuple(bearing_tracks(message, heading, self.settings.north, to_utc))
             self._tracks_arrived = now.steady
 
     def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
@@ -144,6 +143,10 @@ class ReportStage:
     def _problems(self, silent: bool) -> list[str]:
         if silent:
             return ['no targets arrive']
-        unknown = not (self.settings.positions or self._attitude_known or not self.settings.north
-                       or self.settings.heading is not None)
-        return [*([NO_HEADING] if unknown else []), *(f'no {name}' for name in self._missing)]
+        return [*([NO_HEADING] if self._is_lost else []), *(f'no {name}' for name in self._missing)]
+
+    @property
+    def _is_lost(self) -> bool:
+        """Whether the heading is needed and not known."""
+        settings = self.settings
+        return not settings.positions and settings.north and settings.heading is None and not self._attitude_known

@@ -46,7 +46,7 @@ from av_view.spectrum import Coherence, spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
-CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
+MOST_SAMPLES = 100_000
 NEWEST, NEWEST_RESULT = (QoSProfile(depth=1, reliability=qos.reliability) for qos in (STREAM, RESULT))
 ALL_IMAGES = QoSProfile(depth=10, reliability=STREAM.reliability)  # between two updates
 Take = Callable[[Any, float], None]  # of a message and the time at which it was published (s)
@@ -54,14 +54,12 @@ Take = Callable[[Any, float], None]  # of a message and the time at which it was
 
 @dataclass
 class _Topic:
-    """A topic, what decodes and takes its messages, and when that looks again (monotonic, s): once a period (s)."""
+    """A topic, and what decodes and takes its messages."""
 
     kind: Any
     reader: Reader
     decode: Callable[[bytes], Any]
     take: Take
-    period: float
-    due: float = 0.0
 
 
 class RigWatch:
@@ -93,8 +91,7 @@ class RigWatch:
         self._rotations = TfRotations(node, LATEST_S, f'{rig}/')
         self._converter = MeasurementConverter(self._rotations.rotation)
         # In the order in which they are taken: the camera before what is seen through it.
-        self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
-                   period=CAMERA_PERIOD_S)
+        self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message))
         self._read(Image, 'camera/image_raw', lambda data, _: self._images.add(data), ALL_IMAGES, decode=bytes)
         self._read(Bearing, 'target/bearing', state.on_bearing, NEWEST_RESULT)
         self._read(FusionState, 'fusion/state', partial(state.take, 'fusion'), NEWEST_RESULT)
@@ -104,7 +101,7 @@ class RigWatch:
         self._read(PointingCommand, 'pointing/command', state.on_command, NEWEST_RESULT)
         self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
         self._read(Detection2DArray, 'detections', partial(state.take, 'detections'))
-        self._read(AudioFrame, 'audio/frames', self._on_audio, period=SPECTRUM_PERIOD_S)
+        self._read(AudioFrame, 'audio/frames', self._on_audio)
         self._decode_image = deserialiser('sensor_msgs/msg/Image')
         self._entities = [entity for entity in node.entities() if entity not in before]
 
@@ -125,12 +122,10 @@ class RigWatch:
         Parameters:
             pictures: whether somebody sees them.
         """
-        now, offset = time.monotonic(), self._node.now() - time.time()
+        offset = self._node.now() - time.time()
         for name, topic in self._topics.items():
-            if now >= topic.due:
-                for data, published in topic.reader.take():
-                    topic.due = now + topic.period
-                    self._take(name, topic, data, published + offset)
+            for data, published in topic.reader.take():
+                self._take(name, topic, data, published + offset)
         try:
             picture = self._new_picture(pictures)
         except BAD_INPUT as error:
@@ -152,12 +147,12 @@ class RigWatch:
         """End the subscriptions."""
         self._node.destroy_entities(self._entities)
 
-    def _read(self, kind: Any, topic: str, take: Take, qos: QoSProfile = NEWEST, name: str = '', period: float = 0.0,
+    def _read(self, kind: Any, topic: str, take: Take, qos: QoSProfile = NEWEST, name: str = '',
               decode: Callable[[bytes], Any] | None = None) -> None:
-        """Look at a topic, which has another `name` where it is not one of the rig, at each update, or once a `period` (s)."""
+        """Look at a topic, which has another `name` where it is not one of the rig, at each update."""
         reader = self._node.create_reader(kind, name or f'{self._rig}/{topic}', qos)
         decode = decode or deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
-        self._topics[topic] = _Topic(kind, reader, decode, take, period)
+        self._topics[topic] = _Topic(kind, reader, decode, take)
 
     def _take(self, name: str, topic: _Topic, data: bytes, published: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
