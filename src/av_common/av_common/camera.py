@@ -115,10 +115,12 @@ class PinholeCamera:
         Raises ValueError as `from_calibration`, and for a region that is not on the sensor.
         """
         camera = cls.from_calibration(info.width, info.height, info.k, info.distortion_model, info.d)
-        region = info.roi
-        if region.width or region.height or region.x_offset or region.y_offset:  # all 0 is the whole
-            camera = camera.cropped(region.x_offset, region.y_offset, region.width or info.width - region.x_offset,
-                                    region.height or info.height - region.y_offset)
+        left, top = info.roi.x_offset, info.roi.y_offset
+        width, height = info.roi.width or info.width - left, info.roi.height or info.height - top    # 0 is the rest
+        if not (width > 0 and height > 0 and left + width <= info.width and top + height <= info.height):
+            raise ValueError(f'a region of {width} x {height} pixels at {left}, {top} is not within '
+                             f'{info.width} x {info.height}')
+        camera = replace(camera, width=width, height=height, cx=camera.cx - left, cy=camera.cy - top)
         across, down = max(info.binning_x, 1), max(info.binning_y, 1)
         return camera._resized(max(camera.width // across, 1), max(camera.height // down, 1), 1.0 / across, 1.0 / down)
 
@@ -195,20 +197,6 @@ class PinholeCamera:
             raise ValueError(f'images of {width} x {height} pixels do not fit a camera calibrated for '
                              f'{self.width} x {self.height}')
         return self._resized(width, height, across, down)
-
-    def cropped(self, left: int, top: int, width: int, height: int) -> PinholeCamera:
-        """Intrinsics for images that show a region only.
-
-        Parameters:
-            left, top (pixels): the region's first column and row.
-            width, height (pixels): size of the region.
-
-        Raises ValueError for a region that is not within the image.
-        """
-        if not (width > 0 and height > 0 and left + width <= self.width and top + height <= self.height):
-            raise ValueError(f'a region of {width} x {height} pixels at {left}, {top} is not within '
-                             f'{self.width} x {self.height}')
-        return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
     def _resized(self, width: int, height: int, across: float, down: float) -> PinholeCamera:
         """The camera of width x height pixels, each of which is 1 / across x 1 / down pixels of this one."""

@@ -122,12 +122,13 @@ class Px4Link:
         written = [topic for topic in known if '/out/' in topic and self._node.count_publishers(topic)]
         read = [topic for topic in known if '/in/' in topic and self._node.count_subscribers(topic)]
         for name, kind in self._inputs.items():
-            offered = self._offered('in', name, read)
-            self._open(f'in/{name}', kind, offered, self._publishers, partial(self._publisher, kind))
+            offered = self._offered(f'in/{name}', read)
+            self._open(f'in/{name}', kind, offered, self._publishers,
+                       partial(self._node.create_publisher, kind, qos_profile=PX4_QOS))
             # what PX4 reads cannot be silent: a version that is offered is right
             self._report(f'in/{name}', mismatch(kind, offered, dict.fromkeys(offered.values(), 0.0)))
         for name, (kind, callback) in self._wanted.items():
-            offered = self._offered('out', name, written)
+            offered = self._offered(f'out/{name}', written)
             self._open(f'out/{name}', kind, offered, self._subscriptions, partial(self._subscription, name, kind, callback))
             self._watch(name, kind, offered)
         self._begun = min(self._begun, time.monotonic()) if self._subscriptions else math.inf
@@ -136,7 +137,7 @@ class Px4Link:
             self._layouts.begin()
         self._asks = asks
         self._layouts.mute |= ASK not in self._publishers and time.monotonic() - self._begun > UNASKED_S
-        place = self._resolved('in', ASK).removesuffix(ASK)
+        place = self._node.resolve_topic_name(f'{FMU}in/{ASK}').removesuffix(ASK)
         self._steering = {topic for topic in known if topic.startswith(place) and steers(topic.removeprefix(place))}
 
     def others(self) -> str:
@@ -171,11 +172,8 @@ class Px4Link:
         newest = max((self._heard.get(topic, -math.inf) for topic, _ in self._subscriptions.values()), default=-math.inf)
         return self._publishers[ASK][0] in read and time.monotonic() - newest <= SILENT_S
 
-    def _resolved(self, side: str, name: str) -> str:
-        return self._node.resolve_topic_name(f'{FMU}{side}/{name}')
-
-    def _offered(self, side: str, name: str, topics: list[str]) -> dict[int, str]:
-        return offered_versions(self._resolved(side, name), topics)
+    def _offered(self, place: str, topics: list[str]) -> dict[int, str]:
+        return offered_versions(self._node.resolve_topic_name(f'{FMU}{place}'), topics)
 
     def _subscription(self, name: str, kind: type, callback: Callable[[Any], None], topic: str) -> Any:
         def take(message: Any) -> None:
@@ -186,9 +184,6 @@ class Px4Link:
 
     def _hear(self, topic: str, _: object = None) -> None:
         self._heard[topic] = time.monotonic()
-
-    def _publisher(self, kind: type, topic: str) -> Any:
-        return self._node.create_publisher(kind, topic, PX4_QOS)
 
     def _open(self, place: str, kind: type, offered: dict[int, str], opened: dict[str, tuple[str, Any]],
               create: Callable[[str], Any]) -> None:
@@ -201,7 +196,8 @@ class Px4Link:
 
     def _watch(self, name: str, kind: type, offered: dict[int, str]) -> None:
         """Watch the other versions while that of px4_msgs is silent, and report what is wrong."""
-        ages = self._ages(offered)
+        now = time.monotonic()
+        ages = {topic: now - self._heard.get(topic, -math.inf) for topic in offered.values()}
         own = offered.get(version_of(kind), '')
         rivals = {topic for topic in offered.values() if topic != own}
         silent = ages.get(own, math.inf) > SILENT_S
@@ -210,10 +206,6 @@ class Px4Link:
         if not silent:
             self._node.destroy_entities([self._watched.pop(topic) for topic in rivals if topic in self._watched])
         self._report(f'out/{name}', mismatch(kind, offered, ages))
-
-    def _ages(self, offered: dict[int, str]) -> dict[str, float]:
-        now = time.monotonic()
-        return {topic: now - self._heard.get(topic, -math.inf) for topic in offered.values()}
 
     def _report(self, place: str, problem: str) -> None:
         problem, name = problem or self._layouts.problem(place), place.rpartition('/')[2]
