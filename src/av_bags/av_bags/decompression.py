@@ -21,10 +21,6 @@ SCHEMAS = ('ros2msg', 'ros2idl', 'omgidl')    # encodings that rosbags knows
 _zstd = storage_mcap.zstd      # of the standard library, or its backport
 
 
-class TooLargeError(ValueError):
-    """Compressed data that would fill the memory or the disk."""
-
-
 def decompress(data: bytes, compression: str, size: int) -> bytes:
     """The content of a chunk. Raises ValueError where it is too large, or not of the size that it claims.
 
@@ -69,14 +65,14 @@ def expand(path: Path, copy: Path) -> str:
     """
     left = MOST_BYTES + MOST_EXPANSION * path.stat().st_size
     with _zstd.open(path, 'rb') as content, copy.open('wb') as out:
-        try:
-            while data := content.read(PIECE_BYTES):
-                left -= len(data)
-                if left < 0:
-                    raise TooLargeError(f'{path.name}: a file that becomes more than {MOST_EXPANSION} times as large as it is')
-                out.write(data)
-        except TooLargeError:
-            raise
-        except Exception as error:  # noqa: BLE001  the library's own
-            return f'{path.name} breaks off after {out.tell()} bytes ({error})'
-    return ''
+        while True:
+            try:
+                data = content.read(PIECE_BYTES)
+            except Exception as error:  # noqa: BLE001  the library's own
+                return f'{path.name} breaks off after {out.tell()} bytes ({error})'
+            left -= len(data)
+            if left < 0:
+                raise ValueError(f'{path.name}: a file that becomes more than {MOST_EXPANSION} times as large as it is')
+            if not data:
+                return ''
+            out.write(data)

@@ -41,7 +41,7 @@ def definition(name: str) -> str:
         kind = waiting.pop(0)
         if kind not in texts:
             texts[kind] = _text(kind)
-            waiting += _field_types(kind, texts[kind])
+            waiting += _parts(get_types_from_msg(texts[kind], kind)[kind])
     own, *parts = texts.items()
     return own[1] + ''.join(f'\n{SEPARATOR}MSG: {kind.replace("/msg/", "/")}\n{text}' for kind, text in parts)
 
@@ -127,11 +127,6 @@ def _text(name: str) -> str:
     if not file.is_file():
         raise UnknownTypeError(f'the message type {name} is unknown: {file} does not exist')
     return file.read_text(encoding='utf-8')
-
-
-def _field_types(name: str, text: str) -> list[str]:
-    """Names of the message types among the fields of a definition."""
-    return _parts(get_types_from_msg(text, name)[name])
 
 
 def _parts(fields: Any) -> list[str]:

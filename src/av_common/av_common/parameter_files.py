@@ -40,9 +40,10 @@ def sections_of(file: str | Path) -> list[tuple[str, Mapping[str, Any]]]:
     Raises OSError or ValueError, in one line with file and key, for what is no parameter file: the middleware's own reader
     waits for pipes, ends processes on deep nesting, and does not name the key.
     """
+    content = load_yaml(file, 'parameter file') or {}
     try:
-        sections = list(_sections(load_yaml(file, 'parameter file') or {}))
-    except _StructureError as error:
+        sections = list(_sections(content))
+    except ValueError as error:
         raise ValueError(f'parameter file {file}: {error}, expected NODE: ros__parameters: NAME: VALUE') from error
     for path, parameters in sections:
         for name, value in parameters.items():
@@ -59,16 +60,13 @@ def _check_kind(value: Any, complaint: str) -> None:
         raise ValueError(f'{complaint} whole numbers of 64 bits')
 
 
-class _StructureError(ValueError):
-    """A part of a parameter file that is no mapping by names."""
-
-
 def _names(tree: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """The branches of a mapping by names. Raises ValueError for what is none."""
     if not isinstance(tree, dict):
-        raise _StructureError(f'{path or "its content"} is {shown(tree)}')
+        raise ValueError(f'{path or "its content"} is {shown(tree)}')
     for name, branch in tree.items():
         if not isinstance(name, str):
-            raise _StructureError(f'{path} has the key {shown(name)}'.strip())
+            raise ValueError(f'{path} has the key {shown(name)}'.strip())
         yield name, branch
 
 

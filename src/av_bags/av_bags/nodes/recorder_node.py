@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -33,12 +32,11 @@ JPEG_QUALITY = 95  # of compressed images
 QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10
 
 
-def compress(data: bytes, quality: int) -> bytes:
+def compress(data: bytes) -> bytes:
     """Compress a serialised Image to a serialised CompressedImage with the format string of image_transport.
 
     Parameters:
         data: an Image in CDR; 8-bit pixels become JPEG, 16-bit pixels lossless PNG.
-        quality: quality of JPEG, 1 to 100.
 
     Raises ValueError for pixels of other types, which neither format can hold, and for unreadable images.
     """
@@ -47,7 +45,7 @@ def compress(data: bytes, quality: int) -> bytes:
     if image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f'images of encoding {message.encoding} cannot be compressed; record them raw')
     kind, name = 'jpeg' if image.dtype == np.uint8 else 'png', encoding_of(image)
-    _, encoded = cv2.imencode(f'.{kind}', image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    _, encoded = cv2.imencode(f'.{kind}', image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return bytes(serialize_message(CompressedImage(
         header=message.header, format=f'{name}; {kind} compressed {name}', data=array('B', encoded.tobytes()))))
 
@@ -107,7 +105,7 @@ class RecorderNode(RigNode):
             if self._settings.images == 'none':
                 return
             recorded_as, recorded_kind = f'{name}/compressed', 'sensor_msgs/msg/CompressedImage'
-            encode = partial(compress, quality=JPEG_QUALITY)
+            encode = compress
         qos = common_qos(publishers, IMAGE_QUEUE_DEPTH if is_image else QUEUE_DEPTH)
         offered = DEFAULT_QOS._replace(reliability=QosReliability(int(qos.reliability)),
                                        durability=QosDurability(int(qos.durability)))
@@ -145,7 +143,7 @@ def numbered(path: str, number: int) -> str:
     return str(first.with_name(f'{first.stem}_{number}{first.suffix}')) if number else path
 
 
-def common_qos(publishers: list[TopicEndpointInfo], depth: int = QUEUE_DEPTH) -> QoSProfile:
+def common_qos(publishers: list[TopicEndpointInfo], depth: int) -> QoSProfile:
     """The strictest profile that is compatible with all publishers.
 
     Parameters:
