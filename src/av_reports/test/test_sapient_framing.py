@@ -39,8 +39,3 @@ def test_messages_arrive_whole_and_in_order(messages, rest):
 def test_a_length_that_no_message_has_ends_the_stream_before_any_memory_is_taken(length):
     with pytest.raises(FramingError, match='expected 1 to 65536'):
         read(length)
-
-
-def test_an_empty_message_is_not_sent():
-    with pytest.raises(FramingError):
-        frame(b'')

@@ -20,7 +20,6 @@ Perform = Callable[[Command, Callable[[str], None]], None]
 LARGEST_RECEIVED = 1 << 16  # bytes; tasks and acknowledgements have some hundred
 SILENT_MS = 20_000  # a peer that acknowledges nothing for this long is gone
 LENGTH = struct.Struct('<I')
-LARGEST_MESSAGE = 1 << 20  # bytes; the largest that the standard's own examples send has some 10 kB
 
 
 class FramingError(ValueError):
@@ -28,21 +27,16 @@ class FramingError(ValueError):
 
 
 def frame(message: bytes) -> bytes:
-    """A message with its length in front. Raises FramingError for an empty or too large one."""
-    _check(len(message), LARGEST_MESSAGE)
+    """A message with its length in front."""
     return LENGTH.pack(len(message)) + message
 
 
 async def next_message(reader: asyncio.StreamReader) -> bytes:
     """The next message of a stream. Raises FramingError for a length that none has, asyncio.IncompleteReadError at the end."""
     size, = LENGTH.unpack(await reader.readexactly(LENGTH.size))
-    _check(size, LARGEST_RECEIVED)
+    if not 0 < size <= LARGEST_RECEIVED:
+        raise FramingError(f'a message of {size} bytes, expected 1 to {LARGEST_RECEIVED}')
     return await reader.readexactly(size)
-
-
-def _check(size: int, largest: int) -> None:
-    if not 0 < size <= largest:
-        raise FramingError(f'a message of {size} bytes, expected 1 to {largest}')
 
 
 async def connect(host: str, port: int) -> StreamChannel:
