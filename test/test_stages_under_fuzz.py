@@ -30,7 +30,6 @@ from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import AudioFrame, Bearing, DoaArray, FusionState, GimbalState, PointingCommand, Visibility
 from av_pointing.stage import make_pointing_stage
 from av_px4.commands import GIMBAL_PITCH_YAW
-from av_px4.settings import Px4Settings
 from av_px4.stage import ODOMETRY_TOPIC, Outgoing, Px4Stage
 from av_vision.messages import ENCODINGS
 from av_vision.stage import make_detection_stage
@@ -139,15 +138,14 @@ class Fuzzer:
 def px4_inputs() -> dict[type, Any]:
     """Of Px4Stage, the setpoints and commands of which are checked here."""
     messages = plain_messages('1.18')
-    settings = Px4Settings(offboard=True, full_speed=1000.0)
-    stage = Px4Stage(settings, messages)
+    stage = Px4Stage(node_parameters('av_px4', 'px4_node', overrides={'offboard': True, 'motors.full_rpm': 10_000.0}), messages)
     stage.start(Instant(0.0, 0.0))
 
     def sent(out: list[Outgoing]) -> list[Any]:
         for topic, message in out:
             if topic == 'trajectory_setpoint':
                 assert all(map(math.isfinite, message.position))
-                assert math.isnan(message.yawspeed) or abs(message.yawspeed) <= settings.max_rate + 1e-9
+                assert math.isnan(message.yawspeed) or abs(message.yawspeed) <= stage.max_rate + 1e-9
             elif topic == 'vehicle_command' and message.command == GIMBAL_PITCH_YAW:
                 assert abs(message.param1) <= 90.0 and abs(message.param2) <= 180.0
         return [message for topic, message in out if topic == ODOMETRY_TOPIC]

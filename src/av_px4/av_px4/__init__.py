@@ -5,5 +5,5 @@ from av_common.exports import exports
 __all__, __getattr__ = exports(__name__, {
     'guard': 'BodyGuard Decision Inputs',
     'handover': 'Handover VehicleStatus',
-    'stage': 'Px4Stage make_px4_stage',
+    'stage': 'Px4Stage',
 })

@@ -53,21 +53,6 @@ class Claim(enum.Enum):
 
 
 @dataclass(frozen=True)
-class GimbalSettings:
-    """The gimbal, and how it is claimed.
-
-    Parameters:
-        mount: the gimbal, with its limits
-        need_ack: whether a claim must be acknowledged; False for firmware without acknowledgements (PX4 1.14's default)
-        after_takeover: what follows when another takes the gimbal
-    """
-
-    mount: GimbalMount = DEFAULT_MOUNT
-    need_ack: bool = True
-    after_takeover: AfterTakeover = AfterTakeover.AGAIN
-
-
-@dataclass(frozen=True)
 class GimbalInputs:
     """The pointing command and the state of the vehicle.
 
@@ -96,18 +81,20 @@ class Gimbal:
     """Client of the gimbal manager. `step` returns the commands to send and must be called at 20 Hz or more.
 
     Parameters:
-        settings: the gimbal and how it is claimed; defaults for None
+        mount: the gimbal, with its limits
+        need_ack: whether a claim must be acknowledged; False for firmware without acknowledgements (PX4 1.14's default)
+        after_takeover: what follows when another takes the gimbal
     """
 
-    def __init__(self, settings: GimbalSettings | None = None) -> None:
-        self.settings = settings or GimbalSettings()
+    def __init__(self, mount: GimbalMount = DEFAULT_MOUNT, need_ack: bool = True,
+                 after_takeover: AfterTakeover = AfterTakeover.AGAIN) -> None:
+        self.mount, self._need_ack, self._after_takeover = mount, need_ack, after_takeover
         self.claim = Claim.NONE
         self.takeovers = 0
         self.yielded = False          # left to whoever took it
         self._taken = False           # since the newest claim
         self.last_result = ''
         self.unacknowledged = False   # acknowledgements arrived earlier but have stopped
-        mount = self.settings.mount
         rate = math.radians(mount.max_rate_deg)
         self._pan, self._tilt = (LimitedAxis(AxisLimits(rate, rate / STOPS_S, *map(math.radians, limits)))
                                  for limits in (mount.pan_limits_deg, mount.tilt_limits_deg))
@@ -132,7 +119,7 @@ class Gimbal:
         self._time = time
         self._watch(time)
         if not inputs.move:
-            self.yielded &= self.settings.after_takeover is AfterTakeover.NEVER
+            self.yielded &= self._after_takeover is AfterTakeover.NEVER
             return self.release() if self.claim is not Claim.NONE else []
         if inputs.nav_state is None or self.yielded:
             return []
@@ -174,8 +161,7 @@ class Gimbal:
         return [configure(RELEASE, RELEASE)] if claimed else []
 
     def _watch(self, time: float) -> None:
-        if (self.settings.need_ack and self._waiting_since is not None
-                and time - self._waiting_since > ACK_TIMEOUT_S):
+        if self._need_ack and self._waiting_since is not None and time - self._waiting_since > ACK_TIMEOUT_S:
             self.unacknowledged = self._answered
             if self.claim is Claim.OWNED:
                 self._give_up(time)
@@ -191,12 +177,12 @@ class Gimbal:
     def _ask(self, time: float, inputs: GimbalInputs) -> list[Command]:
         if time < self._next_claim:
             return []
-        if self._taken and self.settings.after_takeover is not AfterTakeover.AGAIN:
+        if self._taken and self._after_takeover is not AfterTakeover.AGAIN:
             self.claim, self.yielded, self._taken = Claim.NONE, True, False
             return []
         self._next_claim, self._taken = time + RETRY_S, False
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
-        self.claim = Claim.ASKED if self.settings.need_ack else Claim.OWNED
+        self.claim = Claim.ASKED if self._need_ack else Claim.OWNED
         if inputs.measured is not None:  # start from the gimbal's measured angles, not from the last command
             for axis, angle in zip((self._pan, self._tilt), inputs.measured, strict=True):
                 axis.position = min(max(angle, axis.limits.lower), axis.limits.upper)
@@ -217,7 +203,7 @@ class Gimbal:
             return []
         self._sent = time
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
-        return [pitch_yaw(self._pan.position, self._tilt.position, self.settings.mount.stabilized)]
+        return [pitch_yaw(self._pan.position, self._tilt.position, self.mount.stabilized)]
 
 
 class GimbalFeedback:

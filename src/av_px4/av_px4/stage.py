@@ -24,7 +24,7 @@ from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Register, Registration
 from av_px4.frames import Pose, pose_from_px4
-from av_px4.gimbal import Gimbal, GimbalFeedback, GimbalInputs
+from av_px4.gimbal import DEFAULT_MOUNT, AfterTakeover, Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
     COMMAND_TIMEOUT,
@@ -36,8 +36,7 @@ from av_px4.guard import (
     Inputs,
 )
 from av_px4.handover import VehicleStatus
-from av_px4.odometry import OdometryConverter, commanded_speeds, measured_speeds
-from av_px4.settings import Px4Settings, px4_settings
+from av_px4.odometry import RADIANS_PER_RPM, OdometryConverter, commanded_speeds, measured_speeds
 
 STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
@@ -70,22 +69,27 @@ class Px4Stage:
     Methods named `on_*` take a message and its arrival (see Instant) and return the messages to publish. They raise
     ValueError for an unusable message. Commands and bearings of two publishers are not used (see Publishers).
 
+    Attributes:
+        max_rate (rad/s): largest yaw rate of the body.
+
     Parameters:
-        settings: limits and options
+        parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
         messages: the module px4_msgs.msg of the firmware's version
+        gimbal: the rig's gimbal; None where its description has none
     """
 
-    def __init__(self, settings: Px4Settings, messages: Any) -> None:
-        self.settings = settings
-        self.gimbal = Gimbal(settings.gimbal)
+    def __init__(self, parameters: Any, messages: Any, gimbal: GimbalMount | None = None) -> None:
+        self._parameters = p = parameters
+        self.max_rate, self._full_speed = math.radians(p.body.rate_deg), RADIANS_PER_RPM * p.motors.full_rpm
+        self.gimbal = Gimbal(gimbal or DEFAULT_MOUNT, p.gimbal.need_ack, AfterTakeover(p.gimbal.after_takeover))
         self.mode_missing = '' if all(hasattr(messages, name) for name in MODE_MESSAGES) else NO_MODE
-        wanted = settings.turn_body and settings.external_mode and not self.mode_missing
+        wanted = p.turn_body and p.external_mode and not self.mode_missing
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(versions) if wanted else None
         self.odometry = OdometryConverter()
-        self.gimbal_feedback = GimbalFeedback(settings.gimbal.mount.frame)
+        self.gimbal_feedback = GimbalFeedback(self.gimbal.mount.frame)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
-        self._guard = BodyGuard(settings.max_rate, settings.turn_body and settings.offboard)
+        self._guard = BodyGuard(self.max_rate, p.turn_body and p.offboard)
         self._messages, self._place = messages, HeldPosition()
         self._now = Instant(0.0, 0.0)
         self._commanded = FreshInput()
@@ -239,10 +243,9 @@ class Px4Stage:
     def on_actuator_motors(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the speeds that are commanded, where none are reported and the speed at full command is known."""
         self._now = arrival
-        full = self.settings.full_speed
-        if not full or self.meters['motors'].age <= GAP_S:
+        if not self._full_speed or self.meters['motors'].age <= GAP_S:
             return []
-        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=commanded_speeds(message, full)))]
+        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=commanded_speeds(message, self._full_speed)))]
 
     def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Process PX4's reply to the registration of the external mode."""
@@ -276,7 +279,7 @@ class Px4Stage:
     @property
     def offboard_withheld(self) -> str:
         """Why the pilot cannot select OFFBOARD; empty if PX4 is sent the heartbeat that it asks for."""
-        if not self.settings.turn_body:
+        if not self._parameters.turn_body:
             return 'turn_body is false'
         return self.decision.withheld or (
             f'PX4 does not read {HEARTBEAT}: see dds_topics.yaml' if HEARTBEAT in self.unused else '')
@@ -284,8 +287,8 @@ class Px4Stage:
     @property
     def mode_withheld(self) -> str:
         """Why the pilot cannot select the rig's own mode; empty if it can run."""
-        if not (self.settings.turn_body and self.settings.external_mode):
-            return 'turn_body is false' if self.settings.external_mode else 'external_mode is false'
+        if not (self._parameters.turn_body and self._parameters.external_mode):
+            return 'turn_body is false' if self._parameters.external_mode else 'external_mode is false'
         if self.mode is None:
             return self.mode_missing
         missing = sorted(self.unused & REGISTRATION)
@@ -307,7 +310,7 @@ class Px4Stage:
     def _step(self) -> list[Outgoing]:
         inputs, out = self._guard_inputs(), []
         self._last_step = self._now.steady
-        if self.settings.use_gimbal:
+        if self._parameters.gimbal.enabled:
             out += self._commands(self.gimbal.step(self._now.steady, self._gimbal_inputs(inputs)))
         decision = self._guard.step(self._now.steady, inputs)
         if decision.heartbeat:
@@ -326,7 +329,7 @@ class Px4Stage:
             self._status, meters['status'].age, min(meters['attitude'].age, meters['odometry'].age), meters['position'].age,
             self._commanded.age(self._now), self._measured_target.age(self._now),
             0.0 if command.mode == PointingCommand.MODE_HOLD else command.yaw_rate,
-            self.settings.turn_body and command.move_body,
+            self._parameters.turn_body and command.move_body,
             self.mode.active_mode(self._now.steady) if self.mode else None, place, self.others, self.gimbal.unacknowledged)
 
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
@@ -335,7 +338,7 @@ class Px4Stage:
                  and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= STOP_WITHIN)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
-            pan, tilt = angles_of_command(self.settings.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,
+            pan, tilt = angles_of_command(self.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,
                                           attitude_ned_to_enu(self._attitude).tolist())
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
@@ -378,18 +381,8 @@ class Px4Stage:
         if tuple(values.values()) == self._reported:
             return []
         self._reported = tuple(values.values())
-        said = [self.decision.reason, f'OFFBOARD is not offered: {withheld}' if withheld and self.settings.offboard else '',
-                f'"{MODE_NAME}" cannot run: {unwilling}' if unwilling and self.settings.external_mode else '']
+        said = [self.decision.reason, f'OFFBOARD is not offered: {withheld}' if withheld and self._parameters.offboard else '',
+                f'"{MODE_NAME}" cannot run: {unwilling}' if unwilling and self._parameters.external_mode else '']
         return [Outgoing(STATE_TOPIC, DiagnosticStatus(
             level=DiagnosticStatus.OK, name='px4', message='; '.join(part for part in said if part),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
-
-
-def make_px4_stage(parameters: Any, messages: Any, gimbal: GimbalMount | None = None) -> Px4Stage:
-    """The stage of px4_node.
-
-    Parameters:
-        parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
-        messages: the module px4_msgs.msg
-    """
-    return Px4Stage(px4_settings(parameters, gimbal), messages)

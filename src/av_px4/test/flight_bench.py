@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from fake_firmware import PERIOD, FakeFirmware
 from px4_layouts import plain_messages
 
 from av_common.freshness import Instant
+from av_common.parameters import node_parameters
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
-from av_px4.settings import Px4Settings
 from av_px4.stage import Px4Stage
 
 EPOCH = 1.7e9      # s, ROS time minus the steady clock
@@ -41,14 +40,14 @@ class Flight:
     def __init__(self, firmware='1.17', model=None, **settings):
         self.messages = plain_messages(firmware)
         self.firmware = FakeFirmware(firmware, self.messages, **(model or {}))
-        self.model, self.settings = self.firmware.model, replace(Px4Settings(), **settings)
+        self.model, self.parameters = self.firmware.model, node_parameters('av_px4', 'px4_node', overrides=settings)
         self.time, self.program, self.linked, self.enabled, self.pilot = 100.0, None, True, True, None
         self.sent, self.waiting, self.silent = [], [], set()
         self.start()
 
     def start(self, former=None):
         """A new process of px4_node."""
-        self.rig = Px4Stage(self.settings, self.messages)
+        self.rig = Px4Stage(self.parameters, self.messages)
         self.rig.start(self.now, former)
 
     @property

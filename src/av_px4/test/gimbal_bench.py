@@ -15,7 +15,7 @@ class Bench:
     """A gimbal's client and an autopilot, 50 times a second."""
 
     def __init__(self, settings=None, **autopilot):
-        self.client, self.autopilot, self.time = Gimbal(settings), FakeAutopilot(**autopilot), 0.0
+        self.client, self.autopilot, self.time = Gimbal(**(settings or {})), FakeAutopilot(**autopilot), 0.0
         self.sent = []
 
     def run(self, seconds, pan=0.0, tilt=0.0, move=True, fresh=True, **more):

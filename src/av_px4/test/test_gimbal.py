@@ -10,7 +10,7 @@ from fake_autopilot import HOLD, RETURN
 from gimbal_bench import OWN, Bench
 
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
-from av_px4.gimbal import AfterTakeover, Claim, GimbalSettings
+from av_px4.gimbal import AfterTakeover, Claim
 
 
 class TestClaim:
@@ -49,7 +49,7 @@ class TestClaim:
 
     @pytest.mark.parametrize('after', [AfterTakeover.WHEN_ASKED, AfterTakeover.NEVER])
     def test_who_took_it_keeps_it_until_pointing_is_asked_again_or_for_good(self, after):
-        bench = Bench(GimbalSettings(after_takeover=after))
+        bench = Bench({'after_takeover': after})
         bench.run(2.0, pan=0.5)
         bench.autopilot.owner = (255, 190)
         bench.run(20.0, pan=0.5)
@@ -61,7 +61,7 @@ class TestClaim:
 
     def test_px4s_own_use_is_no_takeover(self):
         """The denial may come before the status that says so."""
-        bench = Bench(GimbalSettings(after_takeover=AfterTakeover.NEVER))
+        bench = Bench({'after_takeover': AfterTakeover.NEVER})
         bench.run(2.0, pan=0.5)
         bench.autopilot.owner = None
         bench.run(0.1, pan=0.5)
@@ -89,7 +89,7 @@ class TestClaim:
         assert not bench.client.unacknowledged and bench.client.claim is Claim.OWNED
 
     def test_a_firmware_that_acknowledges_nothing_can_be_pointed_if_asked_for(self):
-        bench = Bench(GimbalSettings(need_ack=False), acknowledges=False)
+        bench = Bench({'need_ack': False}, acknowledges=False)
         bench.run(1.0, pan=0.5)
         assert bench.sent[-1][1].command == GIMBAL_PITCH_YAW
 

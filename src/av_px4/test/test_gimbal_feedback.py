@@ -14,7 +14,7 @@ from av_common.frames import attitude_ned_to_enu, attitude_of
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds
 from av_interfaces.msg import GimbalState
-from av_px4.gimbal import YAW_IN_EARTH_FRAME, YAW_IN_VEHICLE_FRAME, YAW_LOCK, GimbalFeedback, GimbalSettings
+from av_px4.gimbal import YAW_IN_EARTH_FRAME, YAW_IN_VEHICLE_FRAME, YAW_LOCK, GimbalFeedback
 
 HEADING, PITCH, ROLL = np.radians([130.0, 15.0, -20.0])
 VEHICLE = euler2quat(ROLL, PITCH, HEADING, 'sxyz')  # FRD to NED
@@ -86,7 +86,7 @@ def test_the_stage_publishes_it_and_not_without_a_fresh_attitude():
     ('base_stabilized', False, None)])
 def test_a_command_is_obeyed_in_its_frame(frame, locked, expected):
     """From a nose that is pitched down; what changes the frame agrees with the rotation between them."""
-    rig = Rig(gimbal=GimbalSettings(GimbalMount(stabilized=locked)))
+    rig = Rig(GimbalMount(stabilized=locked))
     nose_down = euler2quat(0.0, math.radians(-20.0), 0.0, 'sxyz')
     rig.run(0.1)
     rig.stage._attitude = list(nose_down)

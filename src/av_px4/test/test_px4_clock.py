@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from av_common.freshness import Instant
+from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds
-from av_px4.settings import Px4Settings
 from av_px4.stage import ODOMETRY_TOPIC, Px4Stage
 
 EPOCH = 1.7e9     # s, ROS time
@@ -57,7 +57,7 @@ CLOCKS = {
 
 def fly(rng, clock, seconds=30.0, late=lambda time: 0.0):
     """(true time, error of the stamp) of the odometry, and the stage; late: further delay (s) of what is sent at a time."""
-    stage, found = Px4Stage(Px4Settings(), SimpleNamespace()), []
+    stage, found = Px4Stage(node_parameters('av_px4', 'px4_node'), SimpleNamespace()), []
     stage.start(Instant(0.0, EPOCH))
     arrival = 0.0
     for time in np.arange(0.0, seconds, 1.0 / RATE):

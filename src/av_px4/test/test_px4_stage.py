@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from av_common.freshness import Instant
+from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.gimbal import Claim
-from av_px4.settings import Px4Settings
+from av_px4.odometry import RADIANS_PER_RPM
 from av_px4.stage import MODE_MESSAGES, MOTORS_TOPIC, NO_MODE, ODOMETRY_TOPIC, STATE_TOPIC, Px4Stage
 
 HOLD, OFFBOARD = 4, 14
@@ -28,11 +29,16 @@ MESSAGES = SimpleNamespace(
     RegisterExtComponentRequest=lambda **fields: Message(name=[0] * 25, **fields), ArmingCheckReply=Message)
 
 
+def parameters(**overrides):
+    """Those of px4_node."""
+    return node_parameters('av_px4', 'px4_node', overrides=overrides)
+
+
 class Rig:
     """A stage, a vehicle that hovers and a target; `run` advances both by steps of 20 ms."""
 
-    def __init__(self, settings=None, **changes):
-        self.stage = Px4Stage(settings or Px4Settings(**{'offboard': True, 'external_mode': False} | changes), MESSAGES)
+    def __init__(self, gimbal=None, **changes):
+        self.stage = Px4Stage(parameters(**{'offboard': True, 'external_mode': False} | changes), MESSAGES, gimbal)
         self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
         self.stage.start(self.now)
 
@@ -256,8 +262,8 @@ def test_a_message_of_another_firmware_is_refused():
 
 def test_an_external_mode_needs_messages_that_the_firmware_has():
     old = SimpleNamespace(**{name: kind for name, kind in vars(MESSAGES).items() if name not in MODE_MESSAGES})
-    assert Px4Stage(Px4Settings(), old).mode_withheld == NO_MODE
-    assert Px4Stage(Px4Settings(), MESSAGES).mode_withheld == 'not registered yet'
+    assert Px4Stage(parameters(), old).mode_withheld == NO_MODE
+    assert Px4Stage(parameters(), MESSAGES).mode_withheld == 'not registered yet'
 
 
 def esc(rpm, online):
@@ -265,7 +271,7 @@ def esc(rpm, online):
 
 
 def test_the_motors_speeds_are_those_that_are_measured_and_else_those_that_are_commanded():
-    rig = Rig(full_speed=1000.0)
+    rig = Rig(**{'motors.full_rpm': 1000.0 / RADIANS_PER_RPM})
     commands = Message(control=[0.0, 0.5, 1.0, math.nan, math.nan])
     rig.take('actuator_motors', commands)
     assert list(rig.of(MOTORS_TOPIC)[-1].data) == [0.0, 500.0, 1000.0]

@@ -31,7 +31,7 @@ from av_px4.stage import (
     RATE_HZ,
     STATE_TOPIC,
     Outgoing,
-    make_px4_stage,
+    Px4Stage,
 )
 
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
@@ -61,7 +61,7 @@ class Px4Node(RigNode):
         self._settings = self.settings
         self._link = Px4Link(self)
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
-        self._stage = make_px4_stage(self._settings, self._link.messages, gimbal)
+        self._stage = Px4Stage(self._settings, self._link.messages, gimbal)
         for name, kind in (OUTPUTS | (MODE_OUTPUTS if self._stage.mode else {})).items():
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in self._inputs().items():
@@ -112,7 +112,7 @@ class Px4Node(RigNode):
         return names
 
     def _discover(self) -> None:
-        self._limit.publish(Float32(data=self._stage.settings.max_rate))    # repeatedly: it ends with any other publisher
+        self._limit.publish(Float32(data=self._stage.max_rate))    # repeatedly: it ends with any other publisher
         self._link.discover()
         self._stage.unused = {name for name in self._inputs() if not self._link.reads(name)} | {
             name for name in MODE_OUTPUTS if not self._link.sends(name)}
