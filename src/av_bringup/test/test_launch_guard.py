@@ -89,7 +89,7 @@ def test_processes_of_others_are_left_alone(launch):
 
 
 # A launch whose process says that it is interrupted.
-LAUNCH = '''
+DESCRIBED = '''
 import sys
 from launch import LaunchService
 from launch.actions import ExecuteProcess
@@ -109,7 +109,7 @@ sys.exit(service.run())
 
 def test_a_process_belongs_to_the_run():
     """It has the folder of the run, for heartbeats, switches and the guard, and ends with the launch."""
-    launch = subprocess.Popen([sys.executable, '-c', LAUNCH], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    launch = subprocess.Popen([sys.executable, '-c', DESCRIBED], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     said = next(line for line in launch.stdout if '] run ' in line)
     assert '/av_rig_' in said
     launch.send_signal(signal.SIGINT)
