@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from av_vision.detections import NMS_IOU, NMS_NESTED, Candidates, Detections, suppress
 from av_vision.image import to_bgr8
-from av_vision.yolo.letterbox import Region, fitting_size, letterbox, to_tensor, whole_in_tile
+from av_vision.yolo.letterbox import Region, fitting_size, letterbox, whole_in_tile
 from av_vision.yolo.model import Model, ModelError
-from av_vision.yolo.rows import LayoutError
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well
@@ -123,25 +122,12 @@ class Detector:
         return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
-        """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
+        """Boxes in the image and probabilities of names, of those that are whole in a region and not smaller than its least."""
         model = self.near if region.kind == 'near' else self.model
-        size = self._input_size(region.height, region.width, region.longest)
-        fitted, scale = letterbox(cut(image, region), *size)
-        tensor = to_tensor(fitted, model.layout.rgb, model.dtype)
-        output = model.run(tensor)[0]
-        model.settle(tensor, output, size, (scale * region.height, scale * region.width))
-        return self._decoded(model, output, size, scale, region, image.shape[:2], floor)
-
-    def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region,
-                 shape: tuple[int, ...], floor: float) -> tuple[NDArray, NDArray]:
-        """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
-        try:
-            boxes, probabilities = model.layout.decode(output, size, floor)
-        except LayoutError as error:
-            raise ModelError(f'{model.path}: {error}') from error
-        probabilities = np.minimum(probabilities, 1.0)
+        fitted, scale = letterbox(cut(image, region), *self._input_size(region.height, region.width, region.longest))
+        boxes, probabilities = model.boxes(fitted, (scale * region.height, scale * region.width), floor)
         boxes = self._in_image(boxes, scale, model.box_padding) + np.array([region.x, region.y] * 2, np.float32)
-        selected = whole_in_tile(boxes, region, shape[1], shape[0])
+        selected = whole_in_tile(boxes, region, image.shape[1], image.shape[0])
         if region.least:
             selected &= (boxes[:, 2:] - boxes[:, :2] - self.model.box_padding).max(axis=1, initial=0.0) > region.least
         return self._named(boxes[selected], probabilities[selected])

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
 from av_vision.yolo.layout import TABLE_COLUMNS, Layout, recognise
-from av_vision.yolo.letterbox import LETTERBOX_GREY
-from av_vision.yolo.rows import LayoutError, RowReader
+from av_vision.yolo.letterbox import LETTERBOX_GREY, to_tensor
+from av_vision.yolo.rows import Decoded, LayoutError, RowReader
 
 MOST_BYTES = 500_000_000    # of a file; that of the largest YOLO, v8x with 68 million weights, has 273 MB
 MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
@@ -90,21 +90,23 @@ class Model:
         # Exports with suppression of their own give one table (n, columns) for one image.
         return np.asarray(output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output, np.float32)
 
-    def settle(self, tensor: NDArray, output: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
-        """Learn what the columns of a table are, also from the mirrored image where that tells orders apart. Raises ModelError.
+    def boxes(self, image: NDArray[np.uint8], shown: tuple[float, float], threshold: float) -> Decoded:
+        """Boxes in pixels of the input, and probabilities of the classes. Raises ModelError.
 
         Parameters:
-            tensor (1, 3, height, width): the image, as `run` takes it.
-            output (a, b): the output for it.
-            size: height and width of the input in pixels.
-            shown: height and width of the image in the input.
+            image (height, width, 3): BGR image of the size of the input.
+            shown: height and width of what it shows, without the padding.
+            threshold (0-1): least probability of a box.
         """
-        reader = self.layout.reader
+        tensor = to_tensor(image, self.layout.rgb, self.dtype)
+        output, size, reader = self.run(tensor)[0], (image.shape[0], image.shape[1]), self.layout.reader
         try:
             if isinstance(reader, RowReader):
                 reader.settle(output, size, shown, lambda: self.run(np.ascontiguousarray(tensor[..., ::-1]))[0])
+            boxes, probabilities = self.layout.decode(output, size, threshold)
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error
+        return boxes, np.minimum(probabilities, 1.0)
 
     def _check_input(self) -> onnxruntime.NodeArg:
         inputs, outputs = self.session.get_inputs(), self.session.get_outputs()
