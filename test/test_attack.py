@@ -16,7 +16,7 @@ LONGEST_S = 600.0    # on a machine with much else to do; some 100 s without
 
 
 def test_a_short_attack_breaks_nothing(tmp_path):
-    """No death, no bad command, no wrong motion, no growth; tracking is back in time, by what the machine gave."""
+    """No death, no bad command, no wrong motion; tracking is back in time, by what the machine gave."""
     ran = subprocess.run(['ros2', 'run', 'av_evaluation', 'attack', '--minutes', '1', '--out', str(tmp_path),
                           '--port-offset', str(free_offset())],
                          env={name: value for name, value in os.environ.items() if name != 'AV_STRICT'},    # as users run it

@@ -45,14 +45,6 @@ def sample(process_id: int) -> ProcessSample | None:
     return None
 
 
-def age_of(process_id: int) -> float:
-    """Time (s) since a process was started, also where the clock was set meanwhile; 0 where it has ended (proc(5): stat)."""
-    with suppress(OSError):
-        started = int((Path('/proc') / str(process_id) / 'stat').read_text().rpartition(')')[2].split()[19])
-        return float(Path('/proc/uptime').read_text().split()[0]) - started / os.sysconf('SC_CLK_TCK')
-    return 0.0
-
-
 def name_of(process_id: int) -> str:
     """Name of the ROS node of a process, or of its program, or of its parent's; empty where it has ended."""
     try:

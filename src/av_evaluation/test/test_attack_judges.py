@@ -123,11 +123,11 @@ def test_an_observer_that_is_behind_keeps_the_truth_since_the_attack():
 
 def test_verdicts_name_what_failed():
     good = Result('messages', recovery=0.5)
-    assert not any(verdicts([good], {'doa_node': 3.0}).values())
+    assert not any(verdicts([good]).values())
     bad = Result('messages', recovery=2.5, deaths=['doa_node'], found=Findings(bad=['pan'], moves=['yaw']),
                  faults=['not active'])
-    assert all(verdicts([good, bad], {'doa_node': 25.0}).values())
-    assert verdicts([Result('kill', recovery=None)], {})[IN_TIME]
+    assert all(verdicts([good, bad]).values())
+    assert verdicts([Result('kill', recovery=None)])[IN_TIME]
 
 
 def test_times_are_judged_by_what_the_machine_gave():
@@ -137,7 +137,7 @@ def test_times_are_judged_by_what_the_machine_gave():
     assert busy == pytest.approx(4.0) and slowdown(before, before) == 1.0
     for slow, late in ((1.0, 2), (busy, 0)):
         result = Result('kill', recovery=3.9, respawn=7.9, most_recovery=1.0, slowdown=slow)
-        assert len(result.late) == len(verdicts([result], {})[IN_TIME]) == late
+        assert len(result.late) == len(verdicts([result])[IN_TIME]) == late
     for recovery, late in ((4.9, 0), (5.1, 1)):
         assert len(Result('stop', recovery=recovery, slowdown=busy).late) == late
 

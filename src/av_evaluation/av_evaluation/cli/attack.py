@@ -25,7 +25,7 @@ from pathlib import Path
 from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import messages_beside
 from av_evaluation.attack.observer import Observer
-from av_evaluation.processes import MarkedProcesses, age_of, launched_rig, sample, slowdown
+from av_evaluation.processes import MarkedProcesses, launched_rig, slowdown
 from av_simulator.cli.arguments import positive
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
@@ -36,11 +36,9 @@ FACED = math.radians(10.0)    # from the body's front to the target where an att
 STOPPED_S = 2.0            # for which a process is stopped
 NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
 STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
-MOST_GROWTH = 20.0         # MiB, of a process over all attacks
 # Where nothing waits for a processor. What begins to hear again needs SOUND_S more on any machine: the newest second of sound
 # decides whether it is that of a drone.
 MOST_RESPAWN_S, MOST_RECOVERY_S, SOUND_S = 2.0, 1.0, 1.0
-OLD_S = 10.0               # age from which a process has all the memory that it needs
 NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
 COMMANDS = '/pointing/command'
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
@@ -100,7 +98,6 @@ class Attack:
     def __init__(self, options: Namespace) -> None:
         self._options, self._random = options, random.Random(0)
         self._results: list[Result] = []
-        self._memory: dict[int, tuple[str, float, float]] = {}    # by process: its name, MiB at first and at last
         self._killed: set[int] = set()
         self._opened = ExitStack()
         self._kinds: dict[str, Callable[[Result, str], float]] = dict(zip(KINDS, (
@@ -156,7 +153,6 @@ class Attack:
         with suppress(TimeoutError):
             self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
         result, before = Result(f'{kind} {name}' if kind in ('kill', 'stop') else kind), self._parts()
-        self._weigh()
         times, observer, ended = self._rig.run_times(), self._observer, time.time()
         with observer.lock:
             observer.commands.begin()
@@ -171,20 +167,11 @@ class Attack:
             result.meanwhile = dict(observer.bearings.faults(ended, ended + (result.recovery or PATIENCE_S)))
             result.found = observer.commands.findings
         result.slowdown = slowdown(times, self._rig.run_times())
-        self._weigh()
         after = set(self._parts().values())
         result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
         self._results.append(result)
         self._show(result)
         return result.recovery is not None and self._rig.process.poll() is None
-
-    def _weigh(self) -> None:
-        """Note the memory of each process that needs no more than it has."""
-        for name, number in self._parts().items():
-            taken = sample(number) if age_of(number) > OLD_S else None
-            if taken is not None:
-                _, first, _ = self._memory.get(number, (name, taken.resident, 0.0))
-                self._memory[number] = name, first, taken.resident
 
     def _tracks(self, since: float, timeout: float) -> float | None:
         """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
@@ -283,29 +270,21 @@ class Attack:
             print(f'         {fault}', flush=True)
 
     def _report(self) -> int:
-        growth = {name: last - first for name, first, last in self._memory.values()}
-        failed = verdicts(self._results, growth)
+        failed = verdicts(self._results)
         for verdict, reasons in failed.items():
             print(f'{verdict}: {"; ".join(reasons[:5]) or "holds"}', flush=True)
-        data = {'verdicts': failed, 'results': [asdict(result) for result in self._results], 'growth': growth,
-                'load': os.getloadavg(), 'cores': os.cpu_count()}
+        data = {'verdicts': failed, 'results': [asdict(result) for result in self._results], 'load': os.getloadavg(),
+                'cores': os.cpu_count()}
         (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1) + '\n')
         return 1 if any(failed.values()) or not self._results else 0
 
 
-def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, list[str]]:
-    """What did not hold, by verdict; a verdict without an entry in its list holds.
-
-    Parameters:
-        results: of all attacks.
-        growth (MiB): of each process from the first attack to the end.
-    """
+def verdicts(results: Sequence[Result]) -> dict[str, list[str]]:
+    """What did not hold in the attacks, by verdict; a verdict without an entry in its list holds."""
     return {
         'no process dies by a message': [f'{one.name}: {death}' for one in results for death in one.deaths],
         'commands are finite and within their limits': [f'{one.name}: {bad}' for one in results for bad in one.found.bad],
         'nothing moves that must not': [f'{one.name}: {move}' for one in results for move in one.found.moves],
-        f'memory grows by less than {MOST_GROWTH:.0f} MiB': [
-            f'{name} {grown:.0f} MiB' for name, grown in growth.items() if grown >= MOST_GROWTH],
         'all nodes obey afterwards': [f'{one.name}: {fault}' for one in results for fault in one.faults],
         IN_TIME: [f'{one.name}: {fault}' for one in results for fault in one.late]}
 
