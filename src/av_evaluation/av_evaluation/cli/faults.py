@@ -8,7 +8,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.matrix import Told, cases, faultless, named, scenarios, title, try_fault
 from av_evaluation.runs.program import Progress
 
-Job = TypeVar('Job')
+SECONDS = 40.0  # of each run
 Result = TypeVar('Result')
 
 
@@ -25,37 +25,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='faults', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='single faults, one run each: about a minute')
     parser.add_argument('--seeds', type=int, default=5, help='runs of each fault (%(default)s); 0: faultless hours only')
-    parser.add_argument('--seconds', type=float, default=40.0, help='of each run (%(default)g)')
     parser.add_argument('--array', choices=('pair', 'square'), default='pair', help='microphones (%(default)s)')
     parser.add_argument('--hours', type=float, default=0.5, help='of faultless runs, all scenarios by measurements that are '
                         'drawn instead of rendered (%(default)g; ten take some minutes)')
-    parser.add_argument('--processes', type=int, default=1, help='at a time (%(default)s)')
     options = parser.parse_args(arguments)
-    if min(options.seeds, options.processes - 1, options.hours, 1000.0 - options.hours) < 0 or not 5 <= options.seconds <= 600:
-        parser.error('expected seeds from 0, processes from 1, 5 to 600 seconds, and up to 1000 hours')
+    if min(options.seeds, options.hours, 1000.0 - options.hours) < 0:
+        parser.error('expected seeds from 0, and up to 1000 hours')
     seeds = range(min(options.seeds, 1) if options.quick else options.seeds)
     faults = list(cases(options.array, options.quick)) if seeds else []
-    call = partial(_told, options.seconds, options.array)
-    told = _each(call, [(one, seed) for one in faults for seed in seeds], options.processes)
+    told = _each(partial(try_fault, seconds=SECONDS, array=options.array), [(one, seed) for one in faults for seed in seeds])
     rows = {title(one): (one, [next(told) for _ in seeds]) for one in faults}
     wrong = _print(rows) if rows else 0
-    return 1 if _print_faultless(_each(_faultless, list(scenarios(options.hours)), options.processes)) or wrong else 0
+    jobs = list(scenarios(options.hours))
+    return 1 if _print_faultless(jobs, _each(faultless, jobs)) or wrong else 0
 
 
-def _told(seconds: float, array: str, job: tuple[Faults, int]) -> Told:
-    return try_fault(*job, seconds, array)
-
-
-def _faultless(job: tuple[str, int]) -> tuple[str, float, dict[str, bool]]:
-    return f'{job[0]}, seed {job[1]}', *faultless(*job)
-
-
-def _each(call: Callable[[Job], Result], jobs: list[Job], processes: int) -> Iterator[Result]:
+def _each(call: Callable[..., Result], jobs: Sequence[tuple[Any, int]]) -> Iterator[Result]:
     """What a function gives for each of some jobs, in several processes."""
     progress = Progress()
     progress.show(0, len(jobs))
-    with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
-        for number, result in enumerate(pool.map(call, jobs), 1):
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
+        for number, result in enumerate(pool.map(call, *zip(*jobs, strict=True)), 1):
             progress.show(number, len(jobs))
             yield result
 
@@ -82,14 +72,14 @@ def _median(times: list[float]) -> str:
     return f'{middle:.0f}' if math.isfinite(middle) else '-'
 
 
-def _print_faultless(runs: Iterator[tuple[str, float, dict[str, bool]]]) -> int:
-    """Print false alarms; returns how many were certain."""
+def _print_faultless(jobs: Sequence[tuple[str, int]], runs: Iterator[tuple[float, dict[str, bool]]]) -> int:
+    """Print false alarms of the runs of scenarios and seeds; returns how many were certain."""
     seconds, warnings, errors = 0.0, 0, 0
-    for name, length, told in runs:
+    for (name, seed), (length, told) in zip(jobs, runs, strict=True):
         seconds += length
         for text, certain in told.items():
             warnings, errors = warnings + (not certain), errors + certain
-            print(f'{name}: {"ERROR" if certain else "WARN"} {text}')
+            print(f'{name}, seed {seed}: {"ERROR" if certain else "WARN"} {text}')
     if seconds:
         hours = seconds / 3600.0
         print(f'\n{hours:.2f} h without faults: {errors} false ERROR, {warnings} false WARN ({warnings / hours:.2f} an hour)')

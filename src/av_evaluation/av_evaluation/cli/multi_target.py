@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time as wall
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
@@ -25,35 +24,23 @@ SCENARIOS = ('crossing', 'swarm_5', 'birds_and_drones', 'swarm_10')
 BIRDS = {'birds_and_drones': 6}  # around the rig, by scenario
 
 
-class Job(NamedTuple):
-    """One run.
-
-    Parameters:
-        scenario: its name or file.
-        seed: of the measurements.
-        pair: whether the microphones are a pair.
-        alike: whether all targets are of the type of the first.
-        rate (Hz): of windows and of images.
-    """
-
-    scenario: str
-    seed: int
-    pair: bool = False
-    alike: bool = False
-    rate: float = 10.0
-
-
-def run(job: Job) -> tuple[float, ...]:
+def run(scenario_name: str, pair: bool, alike: bool, seed: int) -> tuple[float, ...]:
     """Figures of a rig that stands still.
 
     Those of `TrackFigures`, and the filter's processor time over the duration of the run in percent.
+
+    Parameters:
+        scenario_name: its name or file.
+        pair: whether the microphones are a pair.
+        alike: whether all targets are of the type of the first.
+        seed: of the measurements.
     """
-    scenario, settings, motion = load_scenario(find_config(job.scenario, 'scenarios')), FilterSettings(), RigMotion()
-    if job.alike:
+    scenario, settings, motion = load_scenario(find_config(scenario_name, 'scenarios')), FilterSettings(), RigMotion()
+    if alike:
         first = scenario.targets[0]
         scenario = replace(scenario, targets=tuple(replace(target, drone=first.drone, signal=first.signal)
                                                    for target in scenario.targets))
-    simulation = MeasurementSimulation(scenario, job.seed, pair=job.pair, rate=job.rate, birds=BIRDS.get(job.scenario, 0))
+    simulation = MeasurementSimulation(scenario, seed, pair=pair, birds=BIRDS.get(scenario_name, 0))
     filter_, comparison, used = MultiBernoulliFilter(settings, motion), TrackComparison(), 0.0
     for scan in simulation.scans():
         begun = wall.process_time()
@@ -73,26 +60,20 @@ def run(job: Job) -> tuple[float, ...]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of means over the seeds."""
-    options = _parser().parse_args(arguments)
-    seeds = range(options.seed, options.seed + options.seeds)
-    print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
-          f'{"of a core":>11}')
-    with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
-        for scenario in options.scenarios:
-            jobs = [Job(scenario, seed, options.pair, options.alike, options.rate) for seed in seeds]
-            mean, error, missed, false, switches, kept, percent = np.mean(list(pool.map(run, jobs)), axis=0)
-            print(f'{scenario:<18}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}'
-                  f'{100.0 * kept:>10.0f} %{percent:>9.1f} %', flush=True)
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='multi_target', description=__doc__)
     parser.add_argument('scenarios', nargs='*', default=list(SCENARIOS), help=f'by default {" ".join(SCENARIOS)}')
     parser.add_argument('--seeds', type=int, default=5, help='runs of each scenario (%(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
     parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
-    parser.add_argument('--rate', type=float, default=10.0, help='of windows and of images in Hz (%(default)s)')
-    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
-    return parser
+    options = parser.parse_args(arguments)
+    print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
+          f'{"of a core":>11}')
+    with ProcessPoolExecutor() as pool:
+        for scenario in options.scenarios:
+            runs = pool.map(partial(run, scenario, options.pair, options.alike),
+                            range(options.seed, options.seed + options.seeds))
+            mean, error, missed, false, switches, kept, percent = np.mean(list(runs), axis=0)
+            print(f'{scenario:<18}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}'
+                  f'{100.0 * kept:>10.0f} %{percent:>9.1f} %', flush=True)
+    return 0

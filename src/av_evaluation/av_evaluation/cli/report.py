@@ -17,6 +17,7 @@ from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
 SEEDS = 5  # runs of each experiment
+MEASURED = Path('docs', 'measured', 'metrics.json')  # beside the README
 BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
 # Title of each experiment, and what it repeats in `PUBLISHED`.
 EXPERIMENTS = {
@@ -109,10 +110,9 @@ def report(options: argparse.Namespace) -> int:
     print(format_rows(*rows_of(metrics['all'])))
     print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
     if options.readme and not failures:
-        options.measured.parent.mkdir(parents=True, exist_ok=True)
-        write_json(options.measured, content)
+        write_json(options.readme.parent / MEASURED, content)
         write_readme(options.readme, content)
-        print(f'{options.readme} and {options.measured} updated')
+        print(f'{options.readme} and {MEASURED} updated')
     return 1 if failures else 0
 
 
@@ -126,8 +126,6 @@ def make_parser() -> argparse.ArgumentParser:
     add('--model', default='', help="a detector's ONNX file, or a detector of another package, in place of the shipped one; "
         'with --quick, too, on rendered images')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
-    add('--readme', type=Path, help='README whose table of measured values is updated')
-    add('--measured', type=Path, default=Path('docs/measured/metrics.json'),
-        help='file of measured values, updated with the README (%(default)s)')
+    add('--readme', type=Path, help=f'README whose table is updated, with {MEASURED}')
     add_run_options(parser, 'report.html, metrics.json')
     return parser

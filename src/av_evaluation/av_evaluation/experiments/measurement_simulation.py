@@ -18,6 +18,7 @@ from av_simulator.trajectories import RandomFlight, Trajectory
 
 LEFT = (0.0, 1.0, 0.0)  # axis of a pair
 # What microphones and camera report of targets: as the rig's stages of rendered scenarios, rounded.
+RATE_HZ = 10.0  # of windows and images
 WINDOW_S = 0.5  # errors of windows that overlap are correlated
 SOUND_SIGMA, ELEVATION_SIGMA = math.radians(1.5), math.radians(4.0)  # of directions at end-fire's normal, without noise
 MOST_SOURCES = 4  # directions in one window
@@ -57,27 +58,26 @@ class MeasurementSimulation:
         seed: of all draws.
         turn: from time (s) to what the rig's yaw (rad) is beyond its initial one.
         pair: whether the microphones are a pair on the y axis, which measures cones; else four that lie in no plane.
-        rate (Hz): of windows and images.
         birds: number of birds that fly around the rig: silent, and detected with lower scores than drones.
         sound_clutter, sight_clutter: expected numbers of false directions in a window and of false detections in an image.
     """
 
     def __init__(self, scenario: Scenario, seed: int, turn: Callable[[float], float] = lambda time: 0.0, *, pair: bool = False,
-                 rate: float = 10.0, birds: int = 0, sound_clutter: float = 0.2, sight_clutter: float = 0.05) -> None:
-        self._scenario, self._turn, self._pair, self._rate = scenario, turn, pair, rate
+                 birds: int = 0, sound_clutter: float = 0.2, sight_clutter: float = 0.05) -> None:
+        self._scenario, self._turn, self._pair = scenario, turn, pair
         self._sound_clutter, self._sight_clutter = sound_clutter, sight_clutter
         self._random = np.random.default_rng(seed)
         self._targets, count = [target.trajectory for target in scenario.targets], len(scenario.targets)
         self._birds = [RandomFlight((0.0, 0.0, 8.0), (18.0, 18.0, 3.0), 14.0, 1000 * seed + bird) for bird in range(birds)]
         self._level = self._random.normal(0.0, FLUCTUATION_DB, count)  # dB
-        self._overlap = max(round(WINDOW_S * rate), 1)  # windows that share noise with one
+        self._overlap = round(WINDOW_S * RATE_HZ)  # windows that share noise with one
         self._noise = self._random.normal(size=(self._overlap, count, 2))  # of the parts of the newest window
         self._blade_pass = [blade_pass_of(target) for target in scenario.targets]
         self._voices = np.random.default_rng([seed, 1])  # of fundamentals, so that directions do not depend on them
 
     def scans(self) -> Iterator[Scan]:
         """All scans of the scenario in order."""
-        for time in np.arange(0.0, self._scenario.duration, 1.0 / self._rate).tolist():
+        for time in np.arange(0.0, self._scenario.duration, 1.0 / RATE_HZ).tolist():
             vectors, distances = self._seen_from_rig(time, self._targets)
             yield Scan(time, self._hear(time, vectors, distances), self._see(time), vectors)
 
@@ -100,7 +100,7 @@ class MeasurementSimulation:
         return offsets @ turn.T / distances[:, np.newaxis], distances
 
     def _hear(self, time: float, vectors: NDArray[np.float64], distances: NDArray[np.float64]) -> tuple[DoaMeasurement, ...]:
-        kept = math.exp(-1.0 / (self._rate * FLUCTUATION_S))
+        kept = math.exp(-1.0 / (RATE_HZ * FLUCTUATION_S))
         change = self._random.normal(0.0, FLUCTUATION_DB, len(distances))
         self._level = kept * self._level + math.sqrt(1.0 - kept**2) * change
         self._noise = np.concatenate([self._noise[1:], self._random.normal(size=(1, *self._noise.shape[1:]))])

@@ -1,4 +1,4 @@
-"""Comparison of methods: metrics.json and report of an evaluation, of domains, and of sigma by sensor."""
+"""Comparison of methods: metrics.json and report of an evaluation, and sigma by sensor."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from av_common.track import State
-from av_evaluation.metrics.results import RunResult, errors_together, figures_together, methods_of, metrics_of, write_json
-from av_evaluation.metrics.statistics import INTERVAL, cohens_d, percentile_matched_correlation
+from av_evaluation.metrics.results import RunResult, figures_together, methods_of, metrics_of, write_json
+from av_evaluation.metrics.statistics import INTERVAL
 from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
-from av_evaluation.report.text import interval, label, rows_of
+from av_evaluation.report.text import label, rows_of
 
 
 def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Path, command: str) -> Path:
@@ -58,23 +58,6 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         page.paragraph(f'`{name}` failed: {reason}')
     page.write(out / 'report.html')
     return out / 'report.html'
-
-
-def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows with Cohen's d and percentile-matched correlation of the absolute errors by method.
-
-    Parameters:
-        one: runs of the first domain.
-        other: runs of the second domain; methods without errors in either are left out.
-    """
-    rows = []
-    for method in ('sound', 'sight', 'fused'):
-        errors = [np.abs(errors_together(runs, method)) for runs in (one, other)]
-        if min(map(len, errors)) > 1:
-            figures = [figures_together(runs, method) for runs in (one, other)]
-            rows.append([label(method), *(f'{figure["rmse_deg"]:.2f}° ({interval(figure)})' for figure in figures),
-                         f'{cohens_d(*errors):+.2f}', f'{percentile_matched_correlation(*errors):.3f}'])
-    return ['method', 'RMSE, first', 'RMSE, second', "Cohen's d", 'percentile-matched r'], rows
 
 
 LEADING = {State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound'}

@@ -43,10 +43,10 @@ def rmse_interval(blocks: Sequence[NDArray]) -> tuple[float, float]:
     """
     if len(blocks) < 2:
         return math.nan, math.nan
-    squares, counts = np.array([np.sum(np.square(block)) for block in blocks]), np.array([len(block) for block in blocks])
-    rows = np.random.default_rng(1).integers(0, len(blocks), (RESAMPLES, len(blocks)))
-    drawn = np.sqrt(squares[rows].sum(axis=1) / counts[rows].sum(axis=1))
-    low, high = np.quantile(drawn, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)])
+    sums = [np.sum(np.square(block)) for block in blocks], [len(block) for block in blocks]
+    low, high = stats.bootstrap(
+        sums, lambda squares, counts, axis: np.sqrt(squares.sum(axis) / counts.sum(axis)), paired=True, method='percentile',
+        confidence_level=LEVEL, n_resamples=RESAMPLES, random_state=1).confidence_interval
     return float(low), float(high)
 
 

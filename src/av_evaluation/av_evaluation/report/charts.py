@@ -17,7 +17,6 @@ from av_evaluation.report.text import label
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
            'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
-OTHERS = ('#e377c2', '#17becf', '#bcbd22', '#393b79', '#637939')  # methods of other packages
 SHADES = {State.VISUAL_ACTIVE: ('#cfe8cf', 'sight leads'), State.ACOUSTIC_ACTIVE: ('#fbe3c0', 'sound leads'),
           State.COASTING: ('#e0e0e0', 'coasting')}
 
@@ -50,8 +49,8 @@ def broken(azimuth: NDArray) -> NDArray:
 
 
 def colour(method: str) -> str:
-    """Colour of a method in figures."""
-    return COLOURS.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
+    """Colour of a method in figures; of those of other packages one of matplotlib's ten."""
+    return COLOURS.get(method, f'C{sum(map(ord, method)) % 10}')
 
 
 def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
