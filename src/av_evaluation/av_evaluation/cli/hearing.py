@@ -11,7 +11,7 @@ from av_evaluation.figures import Sections, print_sections
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.places import read_responses
-from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
+from av_evaluation.hearing.signals import SOUNDS, bright_rotors, flat, recordings, rotors
 
 
 def sections(count: int, data: Path, responses: Sequence[Path] = ()) -> Sections:
@@ -23,7 +23,7 @@ def sections(count: int, data: Path, responses: Sequence[Path] = ()) -> Sections
         responses: see `rooms.heads`.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
-    clips = data / 'drone_detection' / 'audio'
+    clips = data / SOUNDS
     if clips.is_dir():
         sources['drone recordings'] = recordings(clips)
     return {

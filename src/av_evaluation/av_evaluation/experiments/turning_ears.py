@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from av_common.freshness import Instant
-from av_evaluation.experiments.physical import CAMERA
 from av_evaluation.hearing.places import (
     REFLECTION_DELAY_S,
     REFLECTION_GAIN,
@@ -23,7 +22,7 @@ from av_evaluation.hearing.places import (
     diffuse_tail,
     towards,
 )
-from av_evaluation.hearing.signals import RATE, load_clip
+from av_evaluation.hearing.signals import drone_files, load_clip
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController
@@ -96,10 +95,9 @@ def turned_until_resolved(seed: int, turns: str, data: Path, longest_s: float) -
     Raises FileNotFoundError.
     """
     head, rng = _head(data), np.random.default_rng([17, seed])
-    clips = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))
-    common = math.gcd(head.rate, RATE)
-    ears = Ears(head, signal.resample_poly(load_clip(clips[seed % len(clips)]), head.rate // common, RATE // common), rng)
-    rig = OfflineRig(head.array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, MultiTargetTracker())
+    clips = drone_files(data)
+    ears = Ears(head, load_clip(clips[seed % len(clips)], head.rate), rng)
+    rig = OfflineRig(head.array, MultiTargetTracker())
     axis, pointing, now = YawAxis(RESPONSE, 0.0, 0.0), PointingStage(PointingController()), 0.0
     while now < longest_s:
         rate = TURNS[turns]

@@ -52,10 +52,8 @@ def accuracy(count: int, sources: Sources) -> Iterator[Figure]:
         for snr_db in (20.0, *limits):
             result = _trials(31, source, snr_db, count)
             limited = name == 'bright rotors' or (name == 'rotors' and snr_db > -10.0)
-            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rmse(result.error), 'deg',
-                         limits.get(snr_db) if limited else None)
-            yield from error_figures(f'{name}, {snr_db:+.0f} dB', result, ['median error'])
-            yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', share(result.passed), '%')
+            yield from error_figures(f'{name}, {snr_db:+.0f} dB', result,
+                                     {'RMSE': limits[snr_db]} if limited and snr_db in limits else {})
 
 
 def bound(count: int) -> Iterator[Figure]:

@@ -195,8 +195,7 @@ def rooms(rng: Generator, count: int, sources: list[Source], rate: int = RATE) -
         response, array, azimuth = responses[rng.integers(count)]
         dry = sources[rng.integers(len(sources))](rng, SETTLED_S + seconds, np.zeros(1))[:, 0]
         wet = at_ears(dry, response)[-round(seconds * RATE):]
-        common = np.gcd(rate, RATE)
-        sound = signal.resample_poly(add_noise(rng, wet, snr_db), rate // common, RATE // common, axis=0)
+        sound = signal.resample_poly(add_noise(rng, wet, snr_db), rate, RATE, axis=0)
         return Window(sound, rate, array, azimuth)
 
     return window
@@ -268,8 +267,7 @@ class Head:
             k = int(rng.integers(len(self.azimuths)))
             response = self._reverberant(rng, k) if reflections else self.responses[k]
             dry = sources[rng.integers(len(sources))](rng, seconds + 0.4, np.zeros(1))[:, 0]
-            common = np.gcd(self.rate, RATE)
-            dry = signal.resample_poly(dry, self.rate // common, RATE // common)
+            dry = signal.resample_poly(dry, self.rate, RATE)
             sound = add_noise(rng, at_ears(dry, response)[-round(seconds * self.rate):], snr_db)
             return Window(sound, self.rate, self.array, float(self.azimuths[k]))
 

@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import signal
 
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import wrap
@@ -28,7 +26,7 @@ from av_evaluation.hearing.places import (
     windows_of,
     with_own_noise,
 )
-from av_evaluation.hearing.signals import RATE, Source, load_clip
+from av_evaluation.hearing.signals import Source, drone_files, load_clip
 from av_evaluation.hearing.trials import Found, Locate, Window, compare, error_figures, ours, share
 from av_evaluation.metrics.statistics import rmse
 
@@ -42,7 +40,7 @@ EVEN = ('phat', 'GCC-PHAT', 'SRP-PHAT')
 
 
 def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figure]:
-    """Median error, RMSE and share beyond 20 degrees by field and estimator; with sigma and confidence for the default.
+    """Errors by field and estimator, and those of the default over the best of those with even weights.
 
     Parameters:
         count: windows per field.
@@ -77,8 +75,8 @@ def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
     """
     files = list(responses) or [data / KEMAR]
     known, tested = read_responses(files[0]), read_responses(files[-1])
-    teaching = [clip[:2 * known.rate] for clip in _drone_clips(data, known.rate)]
-    clips, truth = _drone_clips(data, tested.rate), np.degrees(wrap(tested.azimuths[1::2]))
+    teaching = [load_clip(file, known.rate)[:2 * known.rate] for file in drone_files(data)]
+    clips, truth = [load_clip(file, tested.rate) for file in drone_files(data)], np.degrees(wrap(tested.azimuths[1::2]))
     heard = [(sound, azimuth) for azimuth, response in zip(tested.azimuths[1::2], tested.responses[1::2], strict=True)
              for clip in clips
              for sound in windows_of(with_own_noise(at_ears(clip[5 * tested.rate:7 * tested.rate], response)), tested.rate)]
@@ -95,29 +93,17 @@ def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
         yield Figure(f'{title}: largest error', errors.max(), 'deg')
 
 
-def _drone_clips(data: Path, rate: int) -> list[NDArray]:
-    """The drone recordings at a sample rate (Hz). Raises FileNotFoundError where there are none."""
-    files, common = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac')), np.gcd(rate, RATE)
-    if not files:
-        raise FileNotFoundError(f'no drone recordings in {data}')
-    return [signal.resample_poly(load_clip(file), rate // common, RATE // common) for file in files]
-
-
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
     rng = np.random.default_rng(63)
     methods: dict[str, Locate] = {method: partial(_localize, settings) for method, settings in SETTINGS.items()}
-    methods |= {method: PEERS[method] for method in ('GCC-PHAT', 'SRP-PHAT')}
-    results = compare((field(rng, window_s, snr_db) for _ in range(count)), methods)
+    results = compare((field(rng, window_s, snr_db) for _ in range(count)), {**methods, **PEERS})
     for method, result in results.items():
-        yield from error_figures(f'{name}, {method}', result)
+        yield from error_figures(f'{name}, {method}', result, {'of those beyond 20 deg': 3.0} if method == 'default' else {})
     default = results['default']
     for what, measure in (('median', np.median), ('RMSE', rmse)):
         best = min(float(measure(results[method].error)) for method in EVEN)
         ratio = float(measure(default.error)) / best
         yield Figure(f'{name}: {what} over the best of PHAT, GCC-PHAT and SRP', ratio, '', MARGIN)
-    yield Figure(f'{name}: above the default confidence', share(default.passed), '%')
-    yield Figure(f'{name}: of those beyond 20 deg', share(default.far[default.passed]), '%', 3.0)
-    yield Figure(f'{name}: of those within 1.64 sigma', default.coverage, '%')
 
 
 def _localize(settings: LocalizerSettings, window: Window) -> Found:

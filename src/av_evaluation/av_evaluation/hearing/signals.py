@@ -20,6 +20,8 @@ from av_simulator.sound.source_signals import SourceSignal
 RATE = 48_000  # Hz
 BAND_HZ = (200.0, 4000.0)  # of noise and ratios: that of the localizer
 
+SOUNDS = Path('drone_detection', 'audio')  # in the folder of recordings
+
 Source = Callable[[Generator, float, NDArray], NDArray]
 
 
@@ -97,11 +99,18 @@ def _excerpt(part: Callable[[Generator, int], NDArray], rng: Generator, seconds:
     return delayed(np.fft.rfft(part(rng, length)), np.fft.rfftfreq(length, 1.0 / RATE), delays, length, length)[pad:pad + count]
 
 
-def load_clip(path: Path) -> NDArray:
-    """First channel (n,) of a recording, resampled to RATE."""
-    samples, rate = read_sound(path, [0])
-    common = np.gcd(rate, RATE)
-    return signal.resample_poly(samples[:, 0], RATE // common, rate // common)
+def drone_files(data: Path) -> list[Path]:
+    """The recordings of drones in the folder of recordings. Raises FileNotFoundError where there are none."""
+    files = sorted((data / SOUNDS).glob('DRONE_*.flac'))
+    if not files:
+        raise FileNotFoundError(f'no drone recordings in {data}')
+    return files
+
+
+def load_clip(path: Path, rate: int = RATE) -> NDArray:
+    """First channel (n,) of a recording, resampled to a rate in Hz."""
+    samples, recorded = read_sound(path, [0])
+    return signal.resample_poly(samples[:, 0], rate, recorded)
 
 
 def add_noise(rng: Generator, sound: NDArray, snr_db: float) -> NDArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -110,16 +110,19 @@ def share(marked: NDArray) -> float:
     return 100.0 * float(np.mean(marked)) if len(marked) else float('nan')
 
 
-def error_figures(title: str, result: Trials, quantities: Sequence[str] = ('median error', 'RMSE', 'beyond 20 deg')
-                  ) -> Iterator[Figure]:
-    """The figures of a method's errors.
+def error_figures(title: str, result: Trials, limits: Mapping[str, float] = {}) -> Iterator[Figure]:
+    """The figures of a method's errors, and of its confidence and sigma where it states them.
 
     Parameters:
         title: of the method and its windows.
         result: its errors.
-        quantities: which of the three.
+        limits: upper bounds by the quantity.
     """
-    known = {'median error': (float(np.median(result.error)), 'deg'), 'RMSE': (rmse(result.error), 'deg'),
-             'beyond 20 deg': (share(result.far), '%')}
-    for quantity in quantities:
-        yield Figure(f'{title}: {quantity}', *known[quantity])
+    figures = {'median error': (float(np.median(result.error)), 'deg'), 'RMSE': (rmse(result.error), 'deg'),
+               'beyond 20 deg': (share(result.far), '%')}
+    if result.confidence.any():
+        astray = share(result.far[result.passed]) if result.passed.any() else 0.0
+        figures |= {'above the default confidence': (share(result.passed), '%'), 'of those beyond 20 deg': (astray, '%'),
+                    'of those within 1.64 sigma': (result.coverage, '%')}
+    for quantity, (value, unit) in figures.items():
+        yield Figure(f'{title}: {quantity}', value, unit, limits.get(quantity))
