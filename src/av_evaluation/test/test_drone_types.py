@@ -36,6 +36,6 @@ def test_a_track_has_the_type_of_the_drone_that_was_rendered(profile):
     run.run()
     targets = tracker.targets(tracker.estimate(run.world.time)).targets
     assert max(targets, key=lambda target: target.existence).kind == profile
-    heard = np.array([doa.fundamental for event in run.rig.record.events if isinstance(event, list) for doa in event])
+    heard = np.array([doa.fundamental for event in run.log.events if isinstance(event, list) for doa in event])
     known = heard[np.isfinite(heard)]
     assert np.mean(np.abs(np.log(known / blade_pass_of(scenario.targets[0]))) < 0.15) > 0.5

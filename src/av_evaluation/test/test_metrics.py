@@ -19,7 +19,6 @@ from av_evaluation.metrics.results import metrics_of
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.evaluation import SENSES, describe, evaluate_run
-from av_evaluation.runs.measurement_record import MeasurementRecord
 
 
 def circle_log(error_deg: float = 2.0) -> RunLog:
@@ -40,7 +39,7 @@ def circle_log(error_deg: float = 2.0) -> RunLog:
 
 def figures_of(log: RunLog) -> dict[str, SimpleNamespace]:
     """Figures of the bearings as they were published, by sense."""
-    metrics = metrics_of([evaluate_run('', log, MeasurementRecord(), SENSES, filtered=False)])
+    metrics = metrics_of([evaluate_run('', log, SENSES, filtered=False)])
     return {name: SimpleNamespace(**figures) for name, figures in metrics.items()}
 
 
@@ -83,7 +82,7 @@ def test_sight_without_detections_has_no_coverage():
     for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'score', 'delay')), strict=True):
         blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
     blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
-    result = evaluate_run('blind', blind, MeasurementRecord(), ('fused', 'sight', 'sound'))
+    result = evaluate_run('blind', blind, ('fused', 'sight', 'sound'))
     assert result.methods['sight'].coverage == 0.0 and not len(result.methods['sight'].error_deg)
     assert result.methods['fused'].coverage == 1.0 and set(result.missing) == {'sound'}
 

@@ -14,6 +14,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
+from av_evaluation.runs.measurement_record import repeat
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
@@ -34,7 +35,7 @@ def run():
 
 def figures_of(run, *methods):
     """Figures of the bearings as they were published, by method."""
-    metrics = metrics_of([evaluate_run('', run.log, run.rig.record, methods or SENSES, filtered=False)])
+    metrics = metrics_of([evaluate_run('', run.log, methods or SENSES, filtered=False)])
     return {name: SimpleNamespace(**figures) for name, figures in metrics.items()}
 
 
@@ -50,11 +51,11 @@ def test_the_demo_keeps_its_promises(run):
 
 def test_another_tracker_is_given_the_same_data(run):
     """The filter repeats its bearings to the bit; the published controller has larger errors on the same data."""
-    again = run.rig.record.replay(MultiTargetTracker())
+    again = repeat(run.log.events, MultiTargetTracker())
     assert np.array_equal(again['azimuth'], run.log.fused['azimuth'], equal_nan=True)
     ours, gated = figures_of(run, 'fused', 'gated').values()
     assert ours.rmse_deg < gated.rmse_deg
-    assert len(run.rig.record.replay(GatedTracker())) == len(again)
+    assert len(repeat(run.log.events, GatedTracker())) == len(again)
 
 
 def test_a_flying_rig_localises_sound_through_its_ego_rotors():

@@ -20,7 +20,6 @@ from av_evaluation.cli.replay import main
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
-from av_evaluation.runs.measurement_record import MeasurementRecord
 
 
 def replayed(path, **settings):
@@ -45,7 +44,7 @@ def test_a_bag_of_others_gives_the_true_bearings(tmp_path, storage):
     assert len(errors) > 300
     assert np.sqrt(np.mean(errors**2)) < 2.0
     assert log.sight['azimuth'][0] == pytest.approx(0.3, abs=0.02)
-    fused = metrics_of([evaluate_run('', log, MeasurementRecord(), SENSES, filtered=False)])['fused']
+    fused = metrics_of([evaluate_run('', log, SENSES, filtered=False)])['fused']
     assert fused['coverage'] == 1.0
     assert fused['switches'] >= 1
 

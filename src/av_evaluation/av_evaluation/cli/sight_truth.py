@@ -27,7 +27,6 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.rig import Rig, load_rig
 from av_common.stamps import to_seconds
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_simulator.config_files import find_config
 
@@ -40,13 +39,12 @@ Row = tuple[float, float]    # time (s), azimuth (deg)
 
 def seen(bag: Bag, settings: ReplaySettings, rig: Rig, array: MicrophoneArray) -> list[Row]:
     """Capture times and azimuths at which the target was seen; NaN in gaps. Raises BagError or ValueError."""
-    record = MeasurementRecord()
-    Replay(bag, settings, record).run()
+    log = Replay(bag, settings, keeps_events=True).run()
     rotation = rig.array.mount.rotation
     axis = array.basis[:, 0]
     turn = float(np.arctan2(axis[1], axis[0]))
     rows: list[Row] = []
-    for event in record.events:
+    for event in log.events:
         if not isinstance(event, CameraMeasurement):
             continue
         best = event.best

@@ -18,7 +18,7 @@ from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.metrics.metrics import TAU
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
+from av_evaluation.runs.measurement_record import OWN_METHOD, repeat, with_directions
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
 from av_fusion.settings import TRACKERS, make_tracker
 
@@ -70,7 +70,7 @@ def estimators_of(methods: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if name in DOA_METHODS.names and name != OWN_METHOD))
 
 
-def bearings(method: str, record: MeasurementRecord, log: RunLog, filtered: bool = True) -> tuple[NDArray, NDArray]:
+def bearings(method: str, log: RunLog, filtered: bool = True) -> tuple[NDArray, NDArray]:
     """Times (n, s) and azimuths (n, rad, body frame) of one method.
 
     They are empty where the target was not detected. Raises UnavailableError where the run lacks the measurements that the
@@ -78,14 +78,13 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, filtered: bool
 
     Parameters:
         method: one of `known_methods`.
-        record: measurements of the run.
         log: truth, measurements and bearings of the run.
         filtered: whether they pass a median filter in the world frame.
     """
     check_methods((method,))
     observed = False
     if is_tracker(method):
-        series = track(method, record, log)
+        series = track(method, log)
         known = series['state'] != State.NONE
         time = series['time'][known]
         world = wrap(series['azimuth'][known] + log.heading(time))
@@ -99,36 +98,34 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, filtered: bool
         world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
     else:
-        time, world = _nearest(log.sound if method == 'sound' else _columns(_directions(method, record)), log)
+        time, world = _nearest(log.sound if method == 'sound' else _columns(_directions(method, log)), log)
     if not time.size and not observed:
         raise UnavailableError(f'{method}: no measurements')
     return time, wrap((_median(world) if filtered else world) - log.heading(time))
 
 
-def track(method: str, record: MeasurementRecord, log: RunLog) -> Series:
+def track(method: str, log: RunLog) -> Series:
     """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
 
     Parameters:
         method: `fused` for the filter, `gated` for the published controller, or another tracker.
-        record: measurements of the run.
         log: of the run.
     """
     if method == 'fused':
         return log.fused
-    if not any(isinstance(event, list | CameraMeasurement) for event in record.events):
+    if not any(isinstance(event, list | CameraMeasurement) for event in log.events):
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
-    if is_folded(method):
-        record = record.with_directions(_resolved(_directions(method, record), log))
-    return record.replay(make_tracker(node_parameters(
+    events = with_directions(log.events, _resolved(_directions(method, log), log)) if is_folded(method) else log.events
+    return repeat(events, make_tracker(node_parameters(
         'av_fusion', 'fusion_node', overrides={'method': OWN_TRACKERS.get(method, method), 'tau': TAU})))
 
 
-def _directions(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
+def _directions(method: str, log: RunLog) -> list[DoaMeasurement]:
     """Directions of arrival that a method uses; a bag without sound holds those of the rig's own estimator only."""
-    own = record.doa.get(OWN_METHOD, [])
+    own = log.doa.get(OWN_METHOD, [])
     if is_tracker(method):
-        return record.doa.get(ESTIMATORS.get(method, OWN_METHOD), own)
-    return record.doa.get(ESTIMATORS.get(method, method), [])
+        return log.doa.get(ESTIMATORS.get(method, OWN_METHOD), own)
+    return log.doa.get(ESTIMATORS.get(method, method), [])
 
 
 def _resolved(directions: list[DoaMeasurement], log: RunLog) -> list[DoaMeasurement]:

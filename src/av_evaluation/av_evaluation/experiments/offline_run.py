@@ -18,7 +18,7 @@ from av_common.rig import Rig
 from av_common.stamps import to_seconds
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.tracks import TrackComparison
-from av_evaluation.runs.offline_rig import OfflineRig
+from av_evaluation.runs.offline_rig import HEARING, OfflineRig
 from av_fusion.settings import Tracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
@@ -44,7 +44,7 @@ class OfflineRun:
 
     Attributes:
         world: the simulated world.
-        rig: the stages, with log and record.
+        rig: the stages, with the log.
 
     Parameters:
         scenario: what to simulate.
@@ -59,12 +59,12 @@ class OfflineRun:
 
     def __init__(self, scenario: Scenario, rig: Rig, tracker: Tracker, seed: int | None = None,
                  pointing: PointingController | None = None, estimators: tuple[str, ...] = (),
-                 detection: DetectionStage | None = None, settings: LocalizerSettings | None = None) -> None:
+                 detection: DetectionStage | None = None, settings: LocalizerSettings = HEARING) -> None:
         self.world = World(scenario, rig, seed, SAMPLE_RATE)
-        settings = replace(settings or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
+        settings = replace(settings, temperature_c=scenario.weather.temperature_c)
         ego_noise = ego_noise_of(scenario, rig, self.world.seed) if scenario.noise.ego_rotors else None
-        self.rig = OfflineRig(rig.array.geometry, rig.array.mount.rotation, rig.camera.model, rig.camera.optical_to_body,
-                              tracker, detection, estimators, settings, ego_noise, rig.gimbal is not None)
+        self.rig = OfflineRig(rig.array.geometry, tracker, rig.camera, rig.array.mount, detection, estimators, settings,
+                              ego_noise, rig.gimbal is not None)
         if ego_noise is not None:
             self.log.notes['ego-noise'] = f'known from {EGO_NOISE_S:.0f} s of the rig alone'
         self._pointing = PointingStage(pointing) if pointing is not None else None

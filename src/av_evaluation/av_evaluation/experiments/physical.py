@@ -14,10 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from av_common.angles import angles_to_direction
-from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_evaluation.hearing.places import (
@@ -30,9 +28,8 @@ from av_evaluation.hearing.places import (
     towards,
     with_own_noise,
 )
-from av_evaluation.hearing.signals import RATE, add_noise, load_clip
+from av_evaluation.hearing.signals import RATE, SOUNDS, add_noise, drone_files, load_clip
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.measurement.geometry import detections_in_body
 from av_fusion.tracker import MultiTargetTracker
@@ -42,6 +39,7 @@ from av_vision.stage import DetectionStage, make_detection_stage
 # Clips that the shipped detector was not trained on.
 CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
     44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
+CALIBRATING = SOUNDS / 'DRONE_022.flac'  # the recording by which the ears are calibrated
 FILMED, ROOM = 'filmed:', 'room:'
 VIDEO_HZ = 30.0
 CAMERA = CameraMount(width=640, height=512)  # pixels of the clips
@@ -50,29 +48,19 @@ CUT = math.radians(5.0)  # a larger step of the label between two frames is a cu
 STEP_DEG, DWELL_S = 20.0, 4.0
 
 
-class StaticRig:
-    """A rig that stands still at the origin and is fed with recorded or rendered material, with the truth beside it.
-
-    Attributes:
-        rig: the stages, with log and record.
+def stand_still(rig: OfflineRig, time: float, true_azimuth: float) -> None:
+    """Let time pass for a rig that stands at the origin.
 
     Parameters:
-        array: microphones, in the body frame.
-        estimators: further methods of direction finding to record.
-        detection: detects in images; None for a rig without a camera.
+        rig: the rig.
+        time (s): until then.
+        true_azimuth (rad): of the target at that time.
     """
-
-    def __init__(self, array: MicrophoneArray, estimators: tuple[str, ...], detection: DetectionStage | None = None) -> None:
-        self.rig = OfflineRig(array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, MultiTargetTracker(), detection,
-                              estimators)
-
-    def advance(self, time: float, true_azimuth: float) -> None:
-        """Let time pass until `time` (s), when the target is at `true_azimuth` (rad)."""
-        state = VehicleState(time, np.zeros(3))
-        self.rig.log.rig.add(time, *state.position, *state.attitude_wxyz)
-        self.rig.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
-        self.rig.on_state(state)
-        self.rig.advance(time)
+    state = VehicleState(time, np.zeros(3))
+    rig.log.rig.add(time, *state.position, *state.attitude_wxyz)
+    rig.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
+    rig.on_state(state)
+    rig.advance(time)
 
 
 def detection_stage(model: str, camera_kind: str = 'visible') -> DetectionStage:
@@ -86,7 +74,7 @@ def detection_stage(model: str, camera_kind: str = 'visible') -> DetectionStage:
         'model': model, 'camera_kind': camera_kind, 'threads': 1}))
 
 
-def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') -> tuple[RunLog, MeasurementRecord, list[str]]:
+def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') -> tuple[RunLog, list[str]]:
     """A real clip with real sound.
 
     Parameters:
@@ -100,14 +88,13 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
     truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
     first, end = longest_take(truth)
     truth = truth[first:end]
-    recording = load_clip(_recording(data, clip))
     known = read_responses(data / KEMAR)
     azimuths, responses, rate = known
-    another = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
-    array = calibrated_ears(known, [another[:2 * rate]])
-    voice = signal.resample_poly(recording, rate // 300, RATE // 300)
+    array = calibrated_ears(known, [load_clip(data / CALIBRATING, rate)[:2 * rate]])
+    voice = load_clip(_recording(data, clip), rate)
     sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
-    static, per_frame = StaticRig(array, estimators, detection_stage(model)), round(rate / VIDEO_HZ)
+    rig = OfflineRig(array, MultiTargetTracker(), CAMERA, detection=detection_stage(model), estimators=estimators)
+    per_frame = round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
@@ -116,19 +103,19 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
         if not read:
             break
         now = (number + 1) / VIDEO_HZ
-        static.rig.on_samples(sound[number * per_frame:(number + 1) * per_frame], rate, now)
+        rig.on_samples(sound[number * per_frame:(number + 1) * per_frame], rate, now)
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
-            static.rig.on_image(np.zeros_like(image) if covered else image.astype(np.uint8, copy=False), now, now)
-        static.advance(now, float(azimuth))
-    if not len(static.rig.log.fused):
+            rig.on_image(np.zeros_like(image) if covered else image.astype(np.uint8, copy=False), now, now)
+        stand_still(rig, now, float(azimuth))
+    if not len(rig.log.fused):
         raise OSError(f'{clip}: no image can be read')
-    return static.rig.log, static.rig.record, [
+    return rig.log, [
         'real video and detector, real drone sound through measured ears at the labelled azimuths; the lens covered for '
         f'{100 * (COVERED[1] - COVERED[0]):.0f} % of the time']
 
 
-def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
+def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, list[str]]:
     """A loudspeaker plays a drone's sound at steps of azimuth in a rendered room.
 
     Parameters:
@@ -141,7 +128,7 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     random = np.random.default_rng([7, number])
     recording = load_clip(_recording(data, str(number)))
     size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
-    static, length = StaticRig(PAIR, estimators), round(DWELL_S * RATE)
+    rig, length = OfflineRig(PAIR, MultiTargetTracker(), estimators=estimators), round(DWELL_S * RATE)
     for step in range(round(360.0 / STEP_DEG)):
         azimuth = math.radians(STEP_DEG * step)
         box = shoebox(size, 0.3, 8)
@@ -152,9 +139,9 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         samples = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
         for part, piece in enumerate(np.split(samples, round(10 * DWELL_S))):
             now = step * DWELL_S + 0.1 * (part + 1)
-            static.rig.on_samples(piece, RATE, now)
-            static.advance(now, azimuth)
-    return static.rig.log, static.rig.record, [
+            rig.on_samples(piece, RATE, now)
+            stand_still(rig, now, azimuth)
+    return rig.log, [
         'real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB above noise; the rig stands '
         'still and has no camera']
 
@@ -203,7 +190,5 @@ def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, respon
 
 def _recording(data: Path, name: str) -> Path:
     """One of the drone recordings, by the number in a name. Raises FileNotFoundError."""
-    files = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))[:-1]  # the last one calibrates
-    if not files:
-        raise FileNotFoundError(f'{data}: the drone recordings are not there')
+    files = [file for file in drone_files(data) if file.name != CALIBRATING.name]
     return files[int(''.join(filter(str.isdigit, name)) or 0) % len(files)]

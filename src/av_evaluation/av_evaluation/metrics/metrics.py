@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,23 +29,10 @@ def acquired(log: RunLog) -> float:
     return next((float(times.min()) for times in candidates if times.size), math.nan)
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Bearings compared with the truth.
+def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Compare bearings with the truth, where there is one: times (n, s), signed errors (n, degrees), and confusions (n,).
 
-    Attributes:
-        time (n, s): of the bearings.
-        error_deg (n, degrees): signed errors.
-        opposite (n,): whether front and back are confused.
-    """
-
-    time: NDArray[np.float64]
-    error_deg: NDArray[np.float64]
-    opposite: NDArray[np.bool_]
-
-
-def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.inf) -> Comparison:
-    """Compare bearings with the truth, where there is one.
+    A bearing confuses front and back where it is on the other side of the axis between them than the target.
 
     Parameters:
         time (n, s): of the bearings.
@@ -58,7 +44,7 @@ def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -mat
     error = np.degrees(wrap(azimuth - truth))
     counted = np.isfinite(error) & (time >= acquired)
     opposite = np.cos(truth) * np.cos(azimuth) < 0.0
-    return Comparison(time[counted], error[counted], opposite[counted])
+    return time[counted], error[counted], opposite[counted]
 
 
 def held_errors(arrival: NDArray, time: NDArray, azimuth: NDArray, outputs: NDArray, log: RunLog) -> NDArray[np.float64]:

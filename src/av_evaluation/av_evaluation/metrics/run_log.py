@@ -13,8 +13,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from av_bags.retrying_file import RetryingFile, unnamed_file
 from av_evaluation.metrics.tracks import TrackFigures
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
+
+Event = Pose | list[DoaMeasurement] | CameraMeasurement | float
 
 
 class Series:
@@ -90,6 +94,8 @@ class RunLog:
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
         notes: on the origin of the data, by topic.
         tracks: how well all targets are tracked, of simulated runs with several; None for others.
+        doa: most confident direction of arrival of each window by estimator, of runs that are kept for other methods.
+        events: poses, windows of sound, camera measurements, and times (s) at which the track was asked for, of such runs.
 
     Parameters:
         folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory.
@@ -104,6 +110,8 @@ class RunLog:
         self.picture = Series('time', 'visible', 'inside', folder=folder)
         self.notes: dict[str, str] = {}
         self.tracks: TrackFigures | None = None
+        self.doa: dict[str, list[DoaMeasurement]] = {}
+        self.events: list[Event] = []
 
     def newest(self) -> RunLog:
         """A log of the rows in memory, which takes the same time however long the run is."""

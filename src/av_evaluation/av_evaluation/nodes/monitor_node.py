@@ -49,7 +49,7 @@ class MonitorNode(RigNode):
         self._settings = self.settings
         self._rotations = TfRotations(self)
         self._converter = MeasurementConverter(self._rotations.rotation)
-        self._recorder = RunRecorder(folder=Path(tempfile.gettempdir()))
+        self._recorder = RunRecorder(Path(tempfile.gettempdir()))
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, TypeVar
 
-import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
@@ -21,10 +21,10 @@ from av_common.frames import BASE_FRAME
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
 from av_common.rig import Rig
+from av_common.rig_messages import static_transforms
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
 from av_interfaces.msg import AudioFrame
@@ -47,11 +47,13 @@ class Pipeline:
         recorder: is given measurements and tracks where fusion is not computed.
         converter: converts directions and detections to measurements for it.
         publish: is called with topic (the rig's name), time (s) and message of each result.
+        estimators: further stages that estimate directions, by method, whose most confident ones go to the recorder's log.
     """
 
     def __init__(self, doa: DoaStage | None, detection: DetectionStage | None, fusion: FusionStage | None,
                  pointing: PointingStage | None, recorder: RunRecorder, converter: MeasurementConverter,
-                 publish: Callable[[str, float, Any], None]) -> None:
+                 publish: Callable[[str, float, Any], None], estimators: Mapping[str, DoaStage]) -> None:
+        self._estimators = estimators
         self._doa, self._detection, self._fusion, self._pointing = doa, detection, fusion, pointing
         self._recorder, self._converter, self._publish = recorder, converter, publish
         self.problems: Counter[str] = Counter()
@@ -67,6 +69,7 @@ class Pipeline:
         try:
             self._share(name, message, arrival)
             if name == names.AUDIO and self._doa is not None:
+                self._compare(message, arrival)
                 for directions in self._doa.on_audio(message, arrival):
                     self._publish_sensed(names.DOA, directions, arrival)
             elif name == names.MOTORS and self._doa is not None:
@@ -96,6 +99,13 @@ class Pipeline:
                 self._detection.on_odometry(message)
             if self._pointing is not None:
                 self._pointing.on_odometry(message, Instant(arrival, arrival))
+
+    def _compare(self, frame: AudioFrame, arrival: float) -> None:
+        """Give the other estimators a frame; one that cannot be used is reported by the rig's own stage."""
+        for method, stage in self._estimators.items():
+            with suppress(ValueError):
+                for directions in stage.on_audio(frame, arrival):
+                    self._recorder.log.doa.setdefault(method, []).extend(self._converter.doa(transmitted(directions))[:1])
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
@@ -152,27 +162,6 @@ def transmitted(message: Message) -> Message:
     return deserialize_message(serialiser(name)(message), kind)
 
 
-class EstimatorComparison:
-    """Records the most confident direction of each window by each estimator.
-
-    Parameters:
-        stages: by the estimator's name.
-        converter: converts directions to measurements.
-        record: gets the measurements.
-    """
-
-    def __init__(self, stages: Mapping[str, DoaStage], converter: MeasurementConverter, record: MeasurementRecord) -> None:
-        self._stages, self._converter, self._record = stages, converter, record
-
-    def on_audio(self, frame: AudioFrame, arrival: float) -> None:
-        """Use a frame that arrives at `arrival` (s); one that cannot be used is reported by the rig's own stage."""
-        for method, stage in self._stages.items():
-            with suppress(ValueError):
-                for directions in stage.on_audio(frame, arrival):
-                    measurements = self._converter.doa(transmitted(directions))
-                    self._record.doa.setdefault(method, []).extend(measurements[:1])
-
-
 class SensorFrames:
     """Rotations (3, 3) of sensor frames into the body's, by name.
 
@@ -186,14 +175,9 @@ class SensorFrames:
     """
 
     def __init__(self, rig: Rig, gimbal: GimbalHistory) -> None:
-        self._fixed = FixedFrames()
-        carrier = rig.gimbal.frame if rig.gimbal else BASE_FRAME
-        self._described = {
-            rig.array.frame: (BASE_FRAME, rig.array.mount.rotation), BASE_FRAME: (BASE_FRAME, np.eye(3))}
-        for camera in rig.cameras.values():
-            self._described |= {camera.frame: (carrier, camera.mount.rotation),
-                                camera.optical_frame: (carrier, camera.optical_to_body)}
-        self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
+        self._fixed, self._described = FixedFrames(), FixedFrames()
+        self._described.learn(static_transforms(rig, Time()))
+        self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else BASE_FRAME
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
         self.impossible: set[str] = set()
@@ -225,5 +209,5 @@ class SensorFrames:
 
     def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
         """The body's or the gimbal's frame, and the rotation into it."""
-        return next((found for found in self._fixed.ancestors(frame) if found[0] in (BASE_FRAME, self._carrier)),
-                    self._described.get(frame))
+        return next((found for frames in (self._fixed, self._described) for found in frames.ancestors(frame)
+                     if found[0] in (BASE_FRAME, self._carrier)), None)

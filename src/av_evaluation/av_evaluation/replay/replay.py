@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from operator import itemgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -27,9 +26,9 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline, SensorFrames
+from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import MeasurementRecord, recording
+from av_evaluation.runs.measurement_record import recording
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import Tracker, make_tracker
 from av_fusion.stage import CLOCK_TOLERANCE_S, FusionStage, make_fusion_stage
@@ -106,17 +105,17 @@ class Replay:
     Parameters:
         bag: to replay.
         settings: see `ReplaySettings`.
-        record: takes what the tracker is given, or None.
-        estimators: further methods of estimating directions, whose results go to `record`.
+        keeps_events: whether the log gets what the tracker is given, for other trackers.
+        estimators: further methods of estimating directions, whose results go to the log.
     """
 
-    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), record: MeasurementRecord | None = None,
+    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), keeps_events: bool = False,
                  estimators: Sequence[str] = ()) -> None:
-        self._bag, self._settings, self._record = bag, settings, record
-        self._recorder = RunRecorder(record)
+        self._bag, self._settings, self._keeps_events = bag, settings, keeps_events
+        self._recorder = RunRecorder()
         self.notes: list[str] = []
         self.lost = False
-        self._out: OutputQueue | None = None
+        self._out: BagWriter | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
@@ -137,30 +136,24 @@ class Replay:
 
         `progress` is called about each second of the bag with the time done, in s. Raises OSError when `out` refuses.
         """
-        self._out = OutputQueue(out, self._settings.namespace) if out is not None else None
+        self._out = out
         done, before = 0.0, math.nan
         reported = 0.0
-        try:
-            for record in self._feed:
-                if record.segment != self._segment:
-                    self._begin_segment(record.segment, record.arrival - before)
-                    before = record.arrival
-                done += record.arrival - before if math.isfinite(before) else 0.0
+        for record in self._feed:
+            if record.segment != self._segment:
+                self._begin_segment(record.segment, record.arrival - before)
                 before = record.arrival
-                if progress is not None and done - reported >= 1.0:
-                    reported = done
-                    progress(done)
-                self._take(record)
-        finally:
-            if self._out is not None:
-                self._out.flush()
+            done += record.arrival - before if math.isfinite(before) else 0.0
+            before = record.arrival
+            if progress is not None and done - reported >= 1.0:
+                reported = done
+                progress(done)
+            self._take(record)
         self._conclude()
         return self.log
 
     def _begin_segment(self, number: int, gap: float) -> None:
         """Begin anew behind a gap (s): nothing is computed in it, and the log leaves it out."""
-        if self._out is not None:
-            self._out.flush()
         self._conclude_stages()
         self._segment = number
         self._recorder.left_out += gap
@@ -168,17 +161,16 @@ class Replay:
 
     def _take(self, record: BagRecord) -> None:
         name, arrival, message, data, _ = record
-        if self._out is not None and name not in (names.AUDIO, names.IMAGE):
-            self._out.put(name, arrival, message, data)
-        if name == names.AUDIO and self._comparison is not None:
-            self._comparison.on_audio(message, arrival)
+        if name != names.FRAMES:  # which may be older than all else
+            self._pipeline.advance(arrival)  # before it is written, so that the output is in order of time
+        if name not in (names.AUDIO, names.IMAGE):
+            self._publish(name, arrival, message, data)
         if name in TRUTHS:
             try:
                 self._recorder.on_truth(name, message)
             except ValueError as error:
                 self.log.notes[name] = f'poses left out, such as this: {error}'
         elif name != names.FRAMES:
-            self._pipeline.advance(arrival)
             try:
                 message = self._odometry.of_body(message) if name == names.ODOMETRY else message
             except ValueError as error:
@@ -186,10 +178,13 @@ class Replay:
                 return
             self._pipeline.take(name, message, arrival)
 
-    def _publish(self, name: str, time: float, message: Any) -> None:
-        """Put what was computed to the output."""
+    def _publish(self, name: str, time: float, message: Any, data: bytes = b'') -> None:
+        """Write a message of a time in s to the output; `data` is the message in CDR where that is known."""
         if self._out is not None:
-            self._out.put(name, time, message)
+            topic = absolute(name, self._settings.namespace)
+            if topic not in self._out.counts:
+                self._out.add_topic(topic, names.KINDS[name][0], LATCHED if name == names.FRAMES else DEFAULT_QOS)
+            self._out.write(topic, round(time * SECOND), data or serialiser(names.KINDS[name][0])(message))
 
     def _choose(self, found: Found) -> dict[str, str]:
         """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
@@ -220,8 +215,8 @@ class Replay:
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
             tracker: Tracker = make_tracker(fusion, rig.gimbal)
-            if self._record is not None:
-                tracker = recording(tracker, self._record)
+            if self._keeps_events:
+                tracker = recording(tracker, self.log.events)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
                                              gimbal if rig.gimbal else None)
             self._fusion.converter.optical_frames = rig.optical_frames
@@ -229,11 +224,9 @@ class Replay:
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
         doa = self._doa = self._doa_stage(rig)
-        others = {method: self._doa_stage(rig, method=method) for method in estimators}
-        self._comparison = None if self._record is None else EstimatorComparison(
-            {method: stage for method, stage in others.items() if stage is not None}, self._converter, self._record)
+        others = {method: stage for method in estimators if (stage := self._doa_stage(rig, method=method)) is not None}
         self._pipeline = Pipeline(doa, self._detection_stage(rig, camera), self._fusion, pointing, self._recorder,
-                                  self._converter, self._publish)
+                                  self._converter, self._publish, others)
 
     def _doa_stage(self, rig: Rig, **changes: Any) -> DoaStage | None:
         if self.stage != 'raw' or names.AUDIO not in self._topics:
@@ -316,33 +309,3 @@ class Replay:
                 self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
                            f"before the bag's time, or {FUTURE_S:g} s after it")
 
-
-BATCH = 1000  # messages, sorted before they are written: some tenths of a second
-
-
-class OutputQueue:
-    """Writes messages by the rig's names of their topics, some at a time in order of time. Raises OSError.
-
-    Parameters:
-        bag: to write to.
-        namespace: of the topics.
-    """
-
-    def __init__(self, bag: BagWriter, namespace: str) -> None:
-        self._bag, self._namespace = bag, namespace
-        self._waiting: list[tuple[str, int, bytes]] = []
-
-    def put(self, name: str, time: float, message: Any, data: bytes = b'') -> None:
-        """Take a message of a time in s; `data` is the message in CDR where that is known."""
-        self._waiting.append((name, round(time * SECOND), data or serialiser(names.KINDS[name][0])(message)))
-        if len(self._waiting) >= BATCH:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write what was taken."""
-        waiting, self._waiting = self._waiting, []
-        for name, time_ns, data in sorted(waiting, key=itemgetter(1)):
-            topic = absolute(name, self._namespace)
-            if topic not in self._bag.counts:
-                self._bag.add_topic(topic, names.KINDS[name][0], LATCHED if name == names.FRAMES else DEFAULT_QOS)
-            self._bag.write(topic, time_ns, data)

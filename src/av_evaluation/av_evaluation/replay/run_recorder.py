@@ -12,7 +12,7 @@ from av_common.frames import attitude_of, is_orientation
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
+from av_evaluation.runs.measurement_record import OWN_METHOD
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
@@ -24,18 +24,17 @@ class RunRecorder:
         left_out (s): time between segments of a bag, which is left out of the times of the log.
 
     Parameters:
-        record: also takes the most confident measurement of each `DoaArray`, or None.
-        folder: for temporary files of the log, as for `RunLog`.
+        folder: for temporary files of the log, as for `RunLog`; without one the log also has the directions by estimator.
     """
 
-    def __init__(self, record: MeasurementRecord | None = None, folder: Path | None = None) -> None:
-        self.log, self._record = RunLog(folder), record
+    def __init__(self, folder: Path | None = None) -> None:
+        self.log, self._keeps = RunLog(folder), folder is None
         self.left_out = 0.0
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
-        if self._record is not None:
-            self._record.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
+        if self._keeps:
+            self.log.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
             self.log.sound.add(doa.time - self.left_out, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,

@@ -13,14 +13,13 @@ from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_e
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.report.text import format_rows, rows_of
-from av_evaluation.runs.measurement_record import MeasurementRecord
 
-SENSES = ('fused', 'sound', 'sight')  # which need no record
+SENSES = ('fused', 'sound', 'sight')  # which need no events
 
 
 def describe(log: RunLog, folder: Path | None) -> str:
     """The table of what a run published, without a filter; a folder also gets metrics.json and the chart bearing.png."""
-    result = evaluate_run('', log, MeasurementRecord(), SENSES, filtered=False)
+    result = evaluate_run('', log, SENSES, filtered=False)
     metrics = metrics_of([result])
     if folder is not None:
         from av_evaluation.report.charts import bearing_chart  # matplotlib takes a second to load: not at a node's start
@@ -33,14 +32,12 @@ def describe(log: RunLog, folder: Path | None) -> str:
     return '\n'.join([format_rows(head, rows), *result.notes])
 
 
-def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...], filtered: bool = True
-                 ) -> RunResult:
+def evaluate_run(name: str, log: RunLog, methods: tuple[str, ...], filtered: bool = True) -> RunResult:
     """Evaluate methods on one run.
 
     Parameters:
         name: of the run.
         log: truth, measurements and bearings.
-        record: measurements for other methods.
         methods: to evaluate.
         filtered: whether bearings pass the median filter of the publication's comparison.
     """
@@ -50,7 +47,7 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
     result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
     for method in methods:
         try:
-            result.methods[method] = _evaluate(method, log, record, begin, span, filtered)
+            result.methods[method] = _evaluate(method, log, begin, span, filtered)
         except UnavailableError as error:
             result.missing[method] = str(error)
     if log.has_truth:
@@ -68,16 +65,15 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
     return result
 
 
-def _evaluate(method: str, log: RunLog, record: MeasurementRecord, begin: float, span: float, filtered: bool
-              ) -> MethodResult:
-    time, azimuth = bearings(method, record, log, filtered)
-    compared = compare(time, azimuth, log, begin)
+def _evaluate(method: str, log: RunLog, begin: float, span: float, filtered: bool) -> MethodResult:
+    time, azimuth = bearings(method, log, filtered)
+    error_time, error_deg, opposite = compare(time, azimuth, log, begin)
     grid = instants(begin, begin + span) if span > 0.0 else np.zeros(0)
     folded = is_folded(method)
-    opposite = np.zeros(0, bool) if folded else compared.opposite
-    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, coverage_of(grid, time))
+    result = MethodResult(time, azimuth, error_time, error_deg, np.zeros(0, bool) if folded else opposite,
+                          coverage_of(grid, time))
     if is_tracker(method) and not folded:
-        series = track(method, record, log)
+        series = track(method, log)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]
     elif is_tracker(method) and method != 'moving_average':

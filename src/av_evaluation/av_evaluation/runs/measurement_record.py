@@ -4,60 +4,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, cast
 
 from av_common.track import Track
-from av_evaluation.metrics.run_log import RunLog, Series
+from av_evaluation.metrics.run_log import Event, RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
-Window = list[DoaMeasurement]  # its directions, possibly none
-Event = Pose | Window | CameraMeasurement | float
+
+def repeat(events: Sequence[Event], tracker: Tracker) -> Series:
+    """Give another tracker the events of a run; its bearings as a series like `RunLog.fused`."""
+    series = RunLog().fused
+    for event in events:
+        if isinstance(event, CameraMeasurement):
+            tracker.add_camera(event)
+        elif isinstance(event, Pose):
+            tracker.add_pose(event)
+        elif isinstance(event, list):
+            tracker.add_doas(event)
+        else:
+            track = tracker.estimate(event)
+            series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
+                       event - track.measured)
+    return series
 
 
-@dataclass
-class MeasurementRecord:
-    """Measurements of one run.
-
-    Attributes:
-        doa: directions of arrival by estimator; OWN_METHOD is the rig's own.
-        events: poses, the rig's own windows, camera measurements, and the times (s) at which the track was asked for.
-    """
-
-    doa: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
-    events: list[Event] = field(default_factory=list)
-
-    def replay(self, tracker: Tracker) -> Series:
-        """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
-        series = RunLog().fused
-        for event in self.events:
-            if isinstance(event, CameraMeasurement):
-                tracker.add_camera(event)
-            elif isinstance(event, Pose):
-                tracker.add_pose(event)
-            elif isinstance(event, list):
-                tracker.add_doas(event)
-            else:
-                track = tracker.estimate(event)
-                series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
-                           event - track.measured)
-        return series
-
-    def with_directions(self, directions: Sequence[DoaMeasurement]) -> MeasurementRecord:
-        """The record with other directions of arrival in the place of the rig's own, each where its window ends."""
-        waiting = sorted(usable_doas(directions), key=_end, reverse=True)
-        events: list[Event] = []
-        for event in self.events:
-            if isinstance(event, list):
-                continue
-            while waiting and _end(waiting[-1]) <= (event if isinstance(event, float) else event.time):
-                events.append([waiting.pop()])
-            events.append(event)
-        return MeasurementRecord(events=[*events, *([one] for one in reversed(waiting))])
+def with_directions(events: Sequence[Event], directions: Sequence[DoaMeasurement]) -> list[Event]:
+    """Events with other directions of arrival in the place of the rig's own, each where its window ends."""
+    waiting = sorted(usable_doas(directions), key=_end, reverse=True)
+    found: list[Event] = []
+    for event in events:
+        if isinstance(event, list):
+            continue
+        while waiting and _end(waiting[-1]) <= (event if isinstance(event, float) else event.time):
+            found.append([waiting.pop()])
+        found.append(event)
+    return [*found, *([one] for one in reversed(waiting))]
 
 
 def _end(measurement: DoaMeasurement) -> float:
@@ -68,8 +53,8 @@ def _end(measurement: DoaMeasurement) -> float:
 class _RecordingTracker:
     """A tracker whose input is recorded before another one uses it, which does all else."""
 
-    def __init__(self, tracker: Tracker, record: MeasurementRecord) -> None:
-        self._tracker, self._events = tracker, record.events
+    def __init__(self, tracker: Tracker, events: list[Event]) -> None:
+        self._tracker, self._events = tracker, events
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._tracker, name)
@@ -91,6 +76,6 @@ class _RecordingTracker:
         return self._tracker.estimate(time)
 
 
-def recording(tracker: Tracker, record: MeasurementRecord) -> Tracker:
-    """A tracker that adds its input to a record, and passes it on to another one."""
-    return cast('Tracker', _RecordingTracker(tracker, record))
+def recording(tracker: Tracker, events: list[Event]) -> Tracker:
+    """A tracker that adds its input to events, and passes it on to another one."""
+    return cast('Tracker', _RecordingTracker(tracker, events))

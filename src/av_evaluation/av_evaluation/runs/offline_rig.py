@@ -18,15 +18,15 @@ from av_audio.localizer import LocalizerSettings
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
 from av_bags import topics
-from av_common.camera import PinholeCamera
 from av_common.frames import BASE_FRAME
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
+from av_common.rig import CameraMount, Mount
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
+from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import MeasurementRecord, recording
+from av_evaluation.runs.measurement_record import recording
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
 from av_fusion.settings import Tracker
 from av_fusion.stage import FusionStage
@@ -37,54 +37,49 @@ from av_sim_bridge.wire.gimbal import GimbalSample
 from av_vision.messages import image_message
 from av_vision.stage import DetectionStage
 
+CAMERA, ON_BODY, HEARING = CameraMount(), Mount(), LocalizerSettings()  # the defaults
+
 
 class OfflineRig:
     """Passes samples, images and poses through the stages of the rig and records what follows. Times are in s.
 
     Attributes:
         log: truth, measurements and bearings.
-        record: the measurements, for other trackers and methods.
         tracker: estimates the bearing.
         hearing, fusion: the stages.
         bearing, targets: the newest bearing, and all tracks; None before the first.
 
     Parameters:
         array: microphones.
-        array_rotation (3, 3): from the array's frame to the body.
-        camera: intrinsics.
-        camera_rotation (3, 3): from the camera's optical frame to the body, or to the gimbal.
         tracker: estimates the bearing.
+        camera: on the body, or on the gimbal.
+        array_mount: the array's on the body.
         detection: detects in images; None where only detections are given.
-        estimators: further methods of `LocalizerSettings`, whose directions go to the record only.
+        estimators: further methods of `LocalizerSettings`, whose directions go to the log only.
         settings: of the localizer.
         ego_noise: of the rig alone.
         gimbal: whether a gimbal carries the camera.
     """
 
-    def __init__(self, array: MicrophoneArray, array_rotation: NDArray, camera: PinholeCamera, camera_rotation: NDArray,
-                 tracker: Tracker, detection: DetectionStage | None = None, estimators: Sequence[str] = (),
-                 settings: LocalizerSettings | None = None, ego_noise: NoiseRecording | None = None,
+    def __init__(self, array: MicrophoneArray, tracker: Tracker, camera: CameraMount = CAMERA,
+                 array_mount: Mount = ON_BODY, detection: DetectionStage | None = None, estimators: Sequence[str] = (),
+                 settings: LocalizerSettings = HEARING, ego_noise: NoiseRecording | None = None,
                  gimbal: bool = False) -> None:
-        settings = settings or LocalizerSettings()
-        self.record, self.tracker = MeasurementRecord(), tracker
+        self.tracker = tracker
         self.bearing: Bearing | None = None
         self.targets: TrackArray | None = None
-        rotations = {'microphones': array_rotation, 'camera': camera_rotation}
+        rotations = {'microphones': array_mount.rotation, 'camera': camera.optical_to_body}
         history = GimbalHistory() if gimbal else None
         rotation_of = (fixed_rotations(rotations) if history is None
-                       else gimbal_rotations(rotations, {'camera': camera_rotation}, history))
-        self._converter = MeasurementConverter(rotation_of, camera=camera)
+                       else gimbal_rotations(rotations, {'camera': camera.optical_to_body}, history))
+        converter, recorder = MeasurementConverter(rotation_of, camera=camera.model), RunRecorder()
         if detection is not None:
-            detection.mount(rotation_of, camera)
-        recorder = RunRecorder(self.record)
-        self.fusion = FusionStage(recording(tracker, self.record), self._converter, observer=recorder,
-                                  gimbal=history)
-        self._comparison = EstimatorComparison(
-            {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
-            self._converter, self.record)
-        self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
-        self._pipeline = Pipeline(self.hearing, detection, self.fusion, None, recorder, self._converter, self._publish)
+            detection.mount(rotation_of, camera.model)
         self.log: RunLog = recorder.log
+        self.fusion = FusionStage(recording(tracker, self.log.events), converter, observer=recorder, gimbal=history)
+        self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
+        others = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
+        self._pipeline = Pipeline(self.hearing, detection, self.fusion, None, recorder, converter, self._publish, others)
         self._heard = 0  # samples
 
     def on_samples(self, samples: NDArray, sample_rate: int, arrival: float) -> None:
@@ -92,7 +87,6 @@ class OfflineRig:
         header = Header(stamp=to_stamp(self._heard / sample_rate), frame_id='microphones')
         frame = audio_frame(samples.astype(np.float32, copy=False), self._heard, sample_rate, header)
         self._heard += len(samples)
-        self._comparison.on_audio(frame, arrival)
         self._take(topics.AUDIO, frame, arrival)
 
     def on_image(self, image: NDArray[np.uint8], time: float, arrival: float) -> None:

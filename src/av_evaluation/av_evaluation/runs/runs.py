@@ -18,7 +18,6 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.evaluation import evaluate_run
-from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
@@ -28,15 +27,15 @@ from av_simulator.scenario import load_scenario
 
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError with a message about the input."""
-    log, record, notes = _measure(case)
-    result = evaluate_run(case.name, log, record, case.methods)
+    log, notes = _measure(case)
+    result = evaluate_run(case.name, log, case.methods)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
     return result
 
 
-def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    """Log, record of measurements, and notes on the origin of the data."""
+def _measure(case: Case) -> tuple[RunLog, list[str]]:
+    """Log, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
         return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods), case.model)
     if case.input.startswith(ROOM):
@@ -44,7 +43,7 @@ def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     return _replay(case) if case.is_bag else _simulate(case)
 
 
-def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
+def _simulate(case: Case) -> tuple[RunLog, list[str]]:
     scenario = load_scenario(find_config(case.input, 'scenarios'))
     rig = load_rig(find_config(case.rig or scenario.rig.description))
     settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
@@ -54,13 +53,12 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
                      detection_stage(case.model, rig.camera.images) if case.model else None,
                      settings=LocalizerSettings(max_sources=case.max_sources))
     run.run(case.duration or None)
-    return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
+    return run.log, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
 
 
-def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    record = MeasurementRecord()
+def _replay(case: Case) -> tuple[RunLog, list[str]]:
     settings = ReplaySettings(stage=case.stage, model=case.model, parameters=case.parameters, namespace=case.namespace,
                               remappings=parse_remappings(case.remap), duration=case.duration or math.inf)
     with Bag(case.input) as bag:
-        replay = Replay(bag, settings, record, estimators_of(case.methods))
-        return replay.run(), record, replay.notes
+        replay = Replay(bag, settings, True, estimators_of(case.methods))
+        return replay.run(), replay.notes
