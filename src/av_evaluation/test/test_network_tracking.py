@@ -115,17 +115,3 @@ def test_a_rig_that_contradicts_all_others_is_left_out_and_let_in_again(kind):
         out.append([rig for name, rig in peer.tracker.rigs.items() if rig not in peer.tracker.trust])
     assert np.mean(found[60:]) > 0.9
     assert not any(out[:100]) and all(rigs == [3] for rigs in out[180:245]) and not any(out[330:])
-
-
-def test_origins_are_the_drones_behind_the_tracks():
-    """Tracks that see a drone point at it; a track without an origin is false."""
-    simulation = cases.five_drones(21)
-    simulation.duration = 12.0
-    for _, report in simulation.arrivals():
-        for one in report.sightings:
-            drone = simulation.origins.get((report.rig, one.id))
-            assert drone is not None or one.by_sound
-            if drone is not None and not one.by_sound:
-                x, y, z = simulation.truth(report.time)[drone] - report.position
-                assert math.hypot(math.remainder(one.azimuth - math.atan2(y, x), math.tau) * math.cos(one.elevation),
-                                  one.elevation - math.atan2(z, math.hypot(x, y))) < math.radians(6.0)

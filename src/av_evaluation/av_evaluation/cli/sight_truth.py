@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -78,18 +78,12 @@ def heard(bag: Bag, settings: ReplaySettings) -> tuple[NDArray, int, float]:
     if not 0 < length <= LONGEST_SOUND_S * first.sample_rate:
         raise ValueError(f'{bag.path}: sound of {length / max(1, first.sample_rate):.0f} s, expected up to {LONGEST_SOUND_S:g}')
     sound = np.zeros((length, first.channels), np.float32)
-    for block, start in _blocks(frames):
-        sound[start:start + len(block)] = block[:length - start]
-    return sound, int(first.sample_rate), to_seconds(first.header.stamp)
-
-
-def _blocks(frames: Sequence) -> Iterator[tuple[NDArray, int]]:
-    """Samples of frames of the first one's kind, with their position."""
-    first = frames[0]
     for frame in frames:
         start = int(frame.first_sample) - int(first.first_sample)
         if start >= 0 and (frame.channels, frame.sample_rate) == (first.channels, first.sample_rate):
-            yield samples_of(frame), start
+            block = samples_of(frame)
+            sound[start:start + len(block)] = block[:length - start]
+    return sound, int(first.sample_rate), to_seconds(first.header.stamp)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -6,7 +6,6 @@ Figures of the publication that are not known here are left blank. Numbers of fi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,27 +24,13 @@ DETECTOR = ', detector'  # ends the names of experiments with the shipped detect
 SOUND_METHODS = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """An experiment of the publication.
-
-    Parameters:
-        scenario: that repeats it here.
-        figure: of the publication that shows it.
-        title: with a description.
-    """
-
-    scenario: str
-    figure: str
-    title: str
-
-
-EXPERIMENTS = (
-    Experiment('circle', 'Figure 9', 'Experiment 1: once around the rig in clear air'),
-    Experiment('tripod', 'Figure 11', 'Experiment 2: a loudspeaker on a tripod, in steps of 20 degrees'),
-    Experiment('fog_woodland', 'Figure 13', 'Experiment 3: a drone in a foggy clearing'),
-    Experiment('occluded_room', 'Figure 14', 'Experiment 4: indoors, behind columns and whiteboards'),
-)
+# By the scenario that repeats it here: the publication's figure, and what it shows.
+EXPERIMENTS = {
+    'circle': 'Figure 9. Experiment 1: once around the rig in clear air',
+    'tripod': 'Figure 11. Experiment 2: a loudspeaker on a tripod, in steps of 20 degrees',
+    'fog_woodland': 'Figure 13. Experiment 3: a drone in a foggy clearing',
+    'occluded_room': 'Figure 14. Experiment 4: indoors, behind columns and whiteboards',
+}
 # RMSE in degrees and coverage in percent of sound, sight and fused (Table 1), and RMSE of methods (Table 3).
 PUBLISHED = {'circle': ('Published, simulated', '4.11°', '2.61° (52 %)', '3.28° (100 %)'),
          'tripod': ('Published, physical', '3.66°', '3.93° (40 %)', '3.50° (100 %)')}
@@ -67,11 +52,11 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
     sound = (*SOUND_METHODS, *(name for name in methods if name not in METHODS and not is_tracker(name)))
     cases = {}
     if not quick or model:
-        for experiment in EXPERIMENTS:
-            cases[f'{experiment.scenario}{DETECTOR}'] = [
-                Case(experiment.scenario, seed, methods, model=model or 'shipped') for seed in (1, 2)[:seeds]]
-    for experiment in EXPERIMENTS:
-        cases[experiment.scenario] = [Case(experiment.scenario, seed, methods) for seed in range(1, seeds + 1)]
+        for scenario in EXPERIMENTS:
+            cases[f'{scenario}{DETECTOR}'] = [
+                Case(scenario, seed, methods, model=model or 'shipped') for seed in (1, 2)[:seeds]]
+    for scenario in EXPERIMENTS:
+        cases[scenario] = [Case(scenario, seed, methods) for seed in range(1, seeds + 1)]
     if data.exists():
         cases['filmed'] = [Case(f'{FILMED}{clip}', methods=methods, data=str(data), model=model) for clip in CLIPS[:clips]]
         cases['room'] = [Case(f'{ROOM}{number}', methods=sound, data=str(data)) for number in range(rooms)]
@@ -105,15 +90,15 @@ def make_page(runs: Runs, command: str, quick: bool, methods: Sequence[str] = ME
     _table_1(page, runs)
     _table_2(page, runs)
     _table_3(page, runs, methods)
-    for experiment in EXPERIMENTS:
-        several = runs.get(experiment.scenario, ())
+    for scenario, title in EXPERIMENTS.items():
+        several = runs.get(scenario, ())
         if several:
-            page.heading(f'{experiment.figure}. {experiment.title}')
+            page.heading(title)
             page.figure(bearing_chart(several[0]), f'{several[0].name}: bearing and error against time. Green: sight leads; '
                                                     'orange: sound leads.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
-            if experiment.scenario in PUBLISHED:
-                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[experiment.scenario]))
+            if scenario in PUBLISHED:
+                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[scenario]))
     _stand_ins(page, runs)
     page.heading('All errors')
     page.figure(distribution_chart(_four(runs), methods),
@@ -140,7 +125,7 @@ def _table_1(page: Page, runs: Runs) -> None:
 
 def _four(runs: Runs, kind: str = '') -> list[RunResult]:
     """The runs of the publication's four experiments, with the oracle or, for the kind DETECTOR, with the detector."""
-    return [run for experiment in EXPERIMENTS for run in runs.get(f'{experiment.scenario}{kind}', ())]
+    return [run for scenario in EXPERIMENTS for run in runs.get(f'{scenario}{kind}', ())]
 
 
 def _table_2(page: Page, runs: Runs) -> None:

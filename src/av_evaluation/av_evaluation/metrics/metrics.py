@@ -79,22 +79,18 @@ def errors_of(error_deg: NDArray, opposite: NDArray) -> dict[str, float]:
             'hemisphere_errors': float(np.mean(opposite)) if len(opposite) and len(error_deg) else math.nan}
 
 
-def instants(begin: float, end: float) -> NDArray[np.float64]:
-    """Instants (n, s) between two times (s) at which coverage is evaluated."""
-    return np.arange(begin, end, 1.0 / GRID_HZ).astype(np.float64)
-
-
-def coverage_of(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
+def coverage_of(begin: float, span: float, reports: NDArray[np.float64]) -> float:
     """Share of instants with a bearing no older than VALID_S; nan without instants.
 
     Parameters:
-        grid (n, s): instants.
+        begin, span (s): of the time that counts.
         reports (m, s): times of the bearings.
     """
-    if not grid.size:
+    if not span > 0.0:
         return math.nan
     if not reports.size:
         return 0.0
+    grid = np.arange(begin, begin + span, 1.0 / GRID_HZ)
     newest = np.searchsorted(np.sort(reports), grid + 1.0 / GRID_HZ) - 1
     age = np.where(newest >= 0, grid - np.sort(reports)[np.maximum(newest, 0)], np.inf)
     return float(np.mean(age <= VALID_S))

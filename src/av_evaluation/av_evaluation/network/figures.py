@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy import stats
 
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
@@ -23,6 +23,7 @@ from av_network.tracker import NetworkTracker
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
 STEP_S = 0.1  # between two looks at the targets
 EXPECTED_NEES = 3.0  # of positions
+RETURN_STEPS = 20  # after a partition, in which tracks are there again
 AGREE_M = 5.0  # GOSPA between the pictures of two nodes, up to which they are the same
 
 
@@ -123,8 +124,8 @@ def nees_bounds(means: Sequence[float]) -> tuple[float, float]:
     """
     if len(means) < 2:
         return 0.0, math.inf
-    width = float(student.ppf(0.975, len(means) - 1) * np.std(means, ddof=1)) / math.sqrt(len(means))
-    return EXPECTED_NEES - width, EXPECTED_NEES + width
+    low, high = stats.t.interval(0.95, len(means) - 1, loc=EXPECTED_NEES, scale=stats.sem(means))
+    return float(low), float(high)
 
 
 def run(peer: OwnTracker, simulation: NetworkSimulation, arrivals: Sequence[Arrival] | None = None) -> NetworkRun:
@@ -195,7 +196,7 @@ class PartitionFigures(NamedTuple):
     """What a partition does.
 
     Parameters:
-        lost: number of tracks of either node that had existed before the partition and do not after it.
+        lost: number of tracks of either node that had existed before the partition and do not in the 2 s after it.
         missed: share of drones without a track during the partition, the mean of both nodes.
         healed (s): time from the end of the partition until both nodes have the same picture, for good; inf if never.
     """
@@ -214,29 +215,16 @@ def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: 
     """
     times = np.array(first.times)
     before, after = (int(np.searchsorted(times, moment)) for moment in (begin, end))
-    missed = []
+    missed, lost = [], 0
     for each in (first, second):
         missed += [1.0 - min(len(found), len(true)) / len(true) for found, true in
                    zip(each.estimates[before:after], each.truths[before:after], strict=True)]
+        names = [{one.id for one in found} for found in each.estimates]
+        lost += len(names[before] - set().union(*names[after:after + RETURN_STEPS]))
     apart = [time for time, one, other in zip(times[after:], first.estimates[after:], second.estimates[after:], strict=True)
              if not agree(one, other)]
-    healed = max(apart[-1] - end, 0.0) if apart else 0.0
-    if apart and apart[-1] == times[-1]:
-        healed = math.inf
-    lost = lost_tracks(first, begin, end) + lost_tracks(second, begin, end)
+    healed = 0.0 if not apart else math.inf if apart[-1] == times[-1] else max(apart[-1] - end, 0.0)
     return PartitionFigures(lost, float(np.mean(missed)), float(healed))
-
-
-def lost_tracks(run: NetworkRun, begin: float, end: float) -> int:
-    """Number of tracks that existed before a partition and do not in the 2 s after it.
-
-    Parameters:
-        run: of a node.
-        begin, end (s): of the partition.
-    """
-    before, after = (int(np.searchsorted(run.times, moment)) for moment in (begin, end))
-    names = [{one.id for one in found} for found in run.estimates]
-    return len(names[before] - set().union(*names[after:after + 20]))
 
 
 def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:

@@ -124,9 +124,6 @@ class NetworkSimulation:
         seed: of all draws.
         sensing: see `SensingModel`.
         link: see `LinkModel`.
-
-    Attributes:
-        origins: the drone (index) behind each track (name of the rig, id) of the reports drawn so far that is not false.
     """
 
     rigs: Sequence[RigModel]
@@ -135,7 +132,6 @@ class NetworkSimulation:
     seed: int = 1
     sensing: SensingModel = SensingModel()
     link: LinkModel = LinkModel()
-    origins: dict[tuple[str, int], int] = field(init=False, default_factory=dict)
     _random: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -163,7 +159,6 @@ class NetworkSimulation:
             self._begin_and_end(sensing, spells, names)
             for drone, spell in spells.items():
                 self._measure(rig, spell, self.drones[drone], float(time))
-                self.origins[rig.name, spell.id] = drone
             false = self._false_tracks(sensing, false, names, float(time))
             if time >= due:
                 due += REPORT_PERIOD_S

@@ -9,7 +9,7 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, instants, switches, time_to_resolve
+from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.report.text import format_rows, rows_of
@@ -68,10 +68,9 @@ def evaluate_run(name: str, log: RunLog, methods: tuple[str, ...], filtered: boo
 def _evaluate(method: str, log: RunLog, begin: float, span: float, filtered: bool) -> MethodResult:
     time, azimuth = bearings(method, log, filtered)
     error_time, error_deg, opposite = compare(time, azimuth, log, begin)
-    grid = instants(begin, begin + span) if span > 0.0 else np.zeros(0)
     folded = is_folded(method)
     result = MethodResult(time, azimuth, error_time, error_deg, np.zeros(0, bool) if folded else opposite,
-                          coverage_of(grid, time))
+                          coverage_of(begin, span, time))
     if is_tracker(method) and not folded:
         series = track(method, log)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
