@@ -1,12 +1,8 @@
-"""Measured values with their bounds, and the programs that print them by section."""
+"""Measured values with their bounds."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-
-Sections = Mapping[str, Callable[[], Iterator['Figure']]]
 
 
 @dataclass(frozen=True)
@@ -38,31 +34,3 @@ class Figure:
         bounds += [f'<= {self.at_most:g}'] if self.at_most is not None else []
         verdict = f'must be {" and ".join(bounds)}: {"ok" if self.holds else "MISSED"}' if bounds else ''
         return f'  {self.name:<66} {self.value:9.4g} {self.unit:<6} {verdict}'.rstrip()
-
-
-def print_sections(parser: ArgumentParser, sections: Sections, wanted: Sequence[str]) -> int:
-    """Print the figures of some sections, all where none is named; returns 1 where a figure misses its bound, else 0.
-
-    A section whose recordings or libraries are missing (FileNotFoundError, ImportError) is left out with a line that says so.
-
-    Parameters:
-        parser: of the program, which ends it where a section is unknown.
-        sections: the figures by section.
-        wanted: names of sections.
-    """
-    if unknown := set(wanted) - set(sections):
-        parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(sections)}')
-    held = [_print(name, sections[name]()) for name in wanted or sections]
-    return 0 if all(held) else 1
-
-
-def _print(name: str, figures: Iterable[Figure]) -> bool:
-    print(name, flush=True)
-    held = True
-    try:
-        for figure in figures:
-            print(figure, flush=True)
-            held &= figure.holds
-    except (FileNotFoundError, ImportError) as error:
-        print(f'  skipped: {error}')
-    return held

@@ -15,8 +15,8 @@ import sys
 import tempfile
 import time
 from argparse import Namespace
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
 from multiprocessing.managers import RemoteError
@@ -202,16 +202,10 @@ class Attack:
     def _no_inputs(self, result: Result, _: str) -> float:
         """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
         simulator = self._parts()['simulator']
-        os.kill(simulator, signal.SIGSTOP)
-        try:
-            self._forbid_motion()
+        with self._stopped(simulator), self._still():
             self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
-        finally:
-            self._permit_motion()
-            try:
-                os.kill(simulator, signal.SIGCONT)
-            except ProcessLookupError:    # replaced, on a slow machine
-                self._killed.add(simulator)
+        if self._parts().get('simulator') != simulator:    # replaced, on a slow machine
+            self._killed.add(simulator)
         return time.time()
 
     def _disabled(self, result: Result, _: str) -> float:
@@ -219,21 +213,34 @@ class Attack:
         if not self._peer.enable(False):
             result.faults.append('pointing could not be disabled')
             return time.time()
-        self._forbid_motion()
-        self._send(result, spare=(COMMANDS,))
-        self._permit_motion()
+        with self._still():
+            self._send(result, spare=(COMMANDS,))
         if not self._peer.enable(True):
             result.faults.append('pointing could not be enabled again')
         return time.time()
 
-    def _forbid_motion(self) -> None:
+    @contextmanager
+    def _still(self) -> Iterator[None]:
+        """Nothing may move, from STILL_AFTER_S after the beginning on."""
         with self._observer.lock:
             self._observer.commands.begin(time.time() + STILL_AFTER_S)
         time.sleep(STILL_AFTER_S)
+        try:
+            yield
+        finally:
+            with self._observer.lock:
+                self._observer.commands.end(time.time())
 
-    def _permit_motion(self) -> None:
-        with self._observer.lock:
-            self._observer.commands.end(time.time())
+    @staticmethod
+    @contextmanager
+    def _stopped(number: int) -> Iterator[None]:
+        """A process does not run."""
+        os.kill(number, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGCONT)
 
     def _kill(self, result: Result, name: str) -> float:
         """A process is killed: it runs again within MOST_RESPAWN_S. Returns the time of the signal."""
@@ -251,12 +258,9 @@ class Attack:
 
     def _stop(self, result: Result, name: str) -> float:
         """A process is stopped, and continues later."""
-        number = self._parts()[name]
-        os.kill(number, signal.SIGSTOP)
         result.sent = {f'SIGSTOP to {name}': 1}
-        time.sleep(STOPPED_S)
-        with suppress(ProcessLookupError):
-            os.kill(number, signal.SIGCONT)
+        with self._stopped(self._parts()[name]):
+            time.sleep(STOPPED_S)
         return time.time()
 
     def _show(self, result: Result) -> None:

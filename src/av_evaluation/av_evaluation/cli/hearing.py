@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from av_evaluation.figures import Sections, print_sections
+from av_evaluation.figures import Figure
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.places import read_responses
 from av_evaluation.hearing.signals import SOUNDS, bright_rotors, flat, recordings, rotors
 
 
-def sections(count: int, data: Path, responses: Sequence[Path] = ()) -> Sections:
+def sections(count: int, data: Path, responses: Sequence[Path] = ()
+             ) -> dict[str, Callable[[], Iterator[Figure]]]:
     """The figures by section.
 
     Parameters:
@@ -57,4 +58,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
             read_responses(file)
         except (FileNotFoundError, ImportError, ValueError) as error:
             parser.error(f'--responses: {error}')
-    return print_sections(parser, sections(options.trials, options.data, options.responses), options.sections)
+    known = sections(options.trials, options.data, options.responses)
+    if unknown := set(options.sections) - set(known):
+        parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(known)}')
+    held = [_print(name, known[name]()) for name in options.sections or known]
+    return 0 if all(held) else 1
+
+
+def _print(name: str, figures: Iterable[Figure]) -> bool:
+    """Print the figures of a section, which is left out where recordings or libraries are missing; returns whether all hold."""
+    print(name, flush=True)
+    held = True
+    try:
+        for figure in figures:
+            print(figure, flush=True)
+            held &= figure.holds
+    except (FileNotFoundError, ImportError) as error:
+        print(f'  skipped: {error}')
+    return held

@@ -37,6 +37,7 @@ from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import Srp
 from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD
 from av_evaluation.metrics.metrics import OUTLIER_DEG
+from av_evaluation.metrics.tracks import angles_between
 
 FRAME_S, HOP_S = 0.5, 0.25  # of the competition
 HIT_DEG = 10.0  # of the competition
@@ -149,8 +150,8 @@ def flying_arrays(folder: Path, turn_deg: float, most: int) -> Iterator[Figure]:
         yield Figure(f'{name}, ours: above the default confidence', 100.0 * float(confident.mean()), '%')
         wrong = 100.0 * float(np.mean(errors[confident] > OUTLIER_DEG)) if confident.any() else 0.0
         yield Figure(f'{name}, ours: of those beyond {OUTLIER_DEG:g} deg', wrong, '%')
-        theirs = [_angle(srp.direction(frame.sound), frame.direction) for frame in frames]
-        yield from _figures(f'{name}, SRP-PHAT', np.array(theirs))
+        theirs = [angles_between(srp.direction(frame.sound), frame.direction) for frame in frames]
+        yield from _figures(f'{name}, SRP-PHAT', np.degrees(theirs))
 
 
 def _figures(name: str, errors: NDArray) -> Iterator[Figure]:
@@ -161,10 +162,6 @@ def _figures(name: str, errors: NDArray) -> Iterator[Figure]:
 def _ours(localizer: Localizer, frame: Frame) -> tuple[float, bool]:
     estimate = localizer.process(frame.sound, localizer.next_sample + len(frame.sound))[0]  # a gap: frames are of any time
     directions = angles_to_direction(estimate.azimuth, estimate.elevation)
-    errors = [_angle(direction, frame.direction) for direction in directions]
-    return min(errors, default=180.0), bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD))
+    error = np.degrees(np.min(angles_between(directions, frame.direction), initial=np.pi))
+    return float(error), bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD))
 
-
-def _angle(first: NDArray, second: NDArray) -> float:
-    """Angle in deg between unit vectors (3,)."""
-    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))

@@ -6,17 +6,9 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
-import av_audio
-import av_bags
-import av_common
-import av_evaluation
-import av_fusion
-import av_pointing
-import av_sim_bridge
-import av_simulator
-import av_vision
 from av_audio.localizer import LocalizerSettings
 from av_audio.methods import DOA_METHODS
 from av_evaluation.experiments.methods import code_of
@@ -25,7 +17,8 @@ from av_simulator.config_files import find_config
 from av_vision.methods import DETECTORS
 from av_vision.models import shipped_model
 
-PACKAGES = (av_audio, av_bags, av_common, av_evaluation, av_fusion, av_pointing, av_sim_bridge, av_simulator, av_vision)
+PACKAGES = ('av_audio', 'av_bags', 'av_common', 'av_evaluation', 'av_fusion', 'av_pointing', 'av_sim_bridge', 'av_simulator',
+            'av_vision')
 BAG_ENDINGS = ('.mcap', '.db3')
 
 
@@ -140,7 +133,7 @@ def _content(name: str) -> list[tuple[str, int, int]]:
 @cache
 def _code() -> str:
     """Digest of the code of PACKAGES, the shipped detector, and the shipped scenarios, rigs and drones."""
-    digest, folders = hashlib.sha256(), [(Path(str(package.__file__)).parent, '*.py') for package in PACKAGES]
+    digest, folders = hashlib.sha256(), [(Path(str(import_module(package).__file__)).parent, '*.py') for package in PACKAGES]
     for folder, files in (*folders, (shipped_model().parent, '*.onnx'), (find_config('rig').parent, '*.yaml')):
         for file in sorted(folder.rglob(files)):
             digest.update(file.read_bytes())
