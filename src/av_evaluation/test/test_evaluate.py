@@ -9,6 +9,7 @@ import re
 import numpy as np
 import pytest
 from bag_messages import flight
+from matplotlib.figure import Figure
 
 from av_common.parameters import node_parameters
 from av_evaluation.cli.evaluate import main
@@ -129,7 +130,7 @@ def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
 def test_a_page_holds_all_it_shows(tmp_path):
     page = Page('Title & more', 'by `a <command>`')
     page.table(['method', 'x'], [['ours', '1'], ['theirs', '2']], ours='ours')
-    page.figure(b'\x89PNG', 'a "caption"')
+    page.figure(Figure(), 'a "caption"')
     page.write(tmp_path / 'page.html')
     text = (tmp_path / 'page.html').read_text()
     assert 'Title &amp; more' in text and '<code>a &lt;command&gt;</code>' in text and text.count('class=ours') == 1

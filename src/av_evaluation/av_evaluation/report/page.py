@@ -11,22 +11,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.55 system-ui, sans-serif; color: #1c2430; background: #f5f6f8; margin: 0; }
-main { max-width: 1280px; margin: 0 auto; padding: 2.5rem 2rem 4rem; background: #fff; box-shadow: 0 0 24px #0001; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
-h2 { font-size: 1.35rem; margin: 2.8rem 0 .6rem; padding-top: .6rem; border-top: 2px solid #1f4fd8; }
-h3 { font-size: 1.05rem; margin: 1.8rem 0 .3rem; }
-p.lead, figcaption, .note { color: #566070; }
-figure { margin: 1.2rem 0; } figure img { width: 100%; border: 1px solid #e3e6ea; border-radius: 4px; }
-figcaption { font-size: .9rem; margin-top: .3rem; }
-table { border-collapse: collapse; margin: 1rem 0; font-size: .88rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .36rem .55rem; text-align: right; border-bottom: 1px solid #e3e6ea; white-space: nowrap; }
-th { font-weight: 600; background: #f0f2f6; white-space: normal; vertical-align: bottom; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 1280px; margin: 2rem auto; padding: 0 2rem; }
+h2 { margin-top: 2.8rem; border-top: 2px solid #1f4fd8; }
+p.lead, figcaption { color: #566070; }
+figure { margin: 1.2rem 0; } figure img { width: 100%; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .36rem .55rem; text-align: right; border-bottom: 1px solid #e3e6ea; }
 th:first-child, td:first-child { text-align: left; }
-tr.ours td { background: #eef3ff; font-weight: 600; }
-tr.theirs td { color: #7a4b00; background: #fff7ea; } .scroll { overflow-x: auto; }
-code { background: #f0f2f6; padding: .1rem .35rem; border-radius: 3px; font-size: .88em; }
+tr.ours td { background: #eef3ff; font-weight: 600; } tr.theirs td { background: #fff7ea; }
 """
 
 
@@ -72,18 +64,16 @@ class Page:
                        + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in rows)
         self._parts.append(f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>')
 
-    def figure(self, figure: Figure | bytes, caption: str) -> None:
+    def figure(self, figure: Figure, caption: str) -> None:
         """Add a figure.
 
         Parameters:
-            figure: of matplotlib, or the bytes of a PNG file.
+            figure: the figure.
             caption: text below it, and its alternative text.
         """
-        if isinstance(figure, Figure):
-            content = io.BytesIO()
-            figure.savefig(content, format='png', dpi=120)
-            figure = content.getvalue()
-        encoded = base64.b64encode(figure).decode()
+        content = io.BytesIO()
+        figure.savefig(content, format='png', dpi=120)
+        encoded = base64.b64encode(content.getvalue()).decode()
         self._parts.append(f'<figure><img alt="{html.escape(caption, quote=True)}" src="data:image/png;base64,{encoded}">'
                            f'<figcaption>{_text(caption)}</figcaption></figure>')
 
@@ -91,7 +81,7 @@ class Page:
         """Write the page to a file."""
         path.write_text(f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{_text(self._title)}</title>'
                         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
-                        f'<body><main>{"".join(self._parts)}</main></body></html>\n')
+                        f'<body>{"".join(self._parts)}</body></html>\n')
 
 
 def _text(text: str) -> str:

@@ -26,8 +26,8 @@ Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the
 
 
 def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report = lambda done, total, text: None
-              ) -> tuple[list[RunResult], dict[str, str]]:
-    """Compute cases; returns their results in order, and reasons of failures by the names of cases.
+              ) -> tuple[dict[str, RunResult], dict[str, str]]:
+    """Compute cases, equal ones once; returns their results by key, and reasons of failures by the names of cases.
 
     Parameters:
         cases: to compute.
@@ -36,38 +36,33 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report
         report: called after each run.
     """
     out.mkdir(parents=True, exist_ok=True)
-    results: dict[int, RunResult] = {}
     failures: dict[str, str] = {}
-    keys = [(case.name, case.key) for case in cases]
-    for number, (name, key) in enumerate(keys):
-        kept = RunResult.load(out, name, key)
-        if kept is not None:
-            results[number] = kept
-    left = [number for number in range(len(cases)) if number not in results]
-    report(len(results), len(cases), '')
+    by_key = {case.key: case for case in cases}
+    results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(out, case.name, key)) is not None}
+    left = [key for key in by_key if key not in results]
+    report(len(results), len(by_key), '')
     if not left:
-        return [results[number] for number in sorted(results)], failures
+        return results, failures
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
     # A keyboard interrupt is reported by this process only.
     pool = ProcessPoolExecutor(min(workers or os.cpu_count() or 1, len(left)), multiprocessing.get_context('spawn'),
                                signal.signal, (signal.SIGINT, signal.SIG_DFL))
     try:
-        running = {pool.submit(run_case, cases[number]): number for number in left}
+        running = {pool.submit(run_case, by_key[key]): key for key in left}
         for future in as_completed(running):
-            number = running[future]
+            key, name = running[future], by_key[running[future]].name
             try:
-                results[number] = future.result()
+                results[key] = future.result()
             except (ValueError, OSError) as error:
-                failures[cases[number].name] = str(error)
+                failures[name] = str(error)
             except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
-                failures[cases[number].name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
+                failures[name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
             else:
-                results[number].key = keys[number][1]
-                results[number].save(out)
-            report(len(results) + len(failures), len(cases), cases[number].name)
+                results[key].save(out)
+            report(len(results) + len(failures), len(by_key), name)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-    return [results[number] for number in sorted(results)], failures
+    return results, failures
 
 
 class Progress:
@@ -137,15 +132,14 @@ def run_program(work: Work, parser: argparse.ArgumentParser, arguments: Sequence
 
 def compute(groups: Mapping[Group, Sequence[Case]],
             options: argparse.Namespace) -> tuple[dict[Group, list[RunResult]], dict[str, str]]:
-    """Compute groups of cases, equal cases once; returns results by group, and reasons of failures by the names of cases.
+    """Compute groups of cases; returns results by group, and reasons of failures by the names of cases.
 
     Parameters:
         groups: cases by group.
         options: those of `add_run_options`.
     """
-    cases = list(dict.fromkeys(case for group in groups.values() for case in group))
+    cases = [case for group in groups.values() for case in group]
     results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet).show)
     for name, reason in failures.items():
         print(f'{name} failed: {reason}', file=sys.stderr)
-    done = {result.key: result for result in results}
-    return {name: [done[case.key] for case in group if case.key in done] for name, group in groups.items()}, failures
+    return {name: [results[case.key] for case in group if case.key in results] for name, group in groups.items()}, failures
