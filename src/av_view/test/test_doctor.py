@@ -20,7 +20,7 @@ from av_view.doctor import program
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding
-from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
@@ -80,6 +80,12 @@ def test_a_microphone_that_hears_little_above_a_frequency_is_no_sound_server(rat
     sound = sosfilt(butter(2, corner, fs=rate, output='sos'), np.random.default_rng(1).normal(0.0, 0.1, (3 * rate, 2)), axis=0)
     converter = np.random.default_rng(2).normal(0.0, 1e-4, sound.shape)
     assert levels(judge_sound(sound + converter, rate, rate)) == ['ok']
+
+
+def test_the_drivers_rate_counts_where_the_sound_does_not_tell():
+    assert levels(judge_sound(noise(), RATE, RATE, [96_000.0, RATE])) == ['ok']
+    (finding,) = judge_sound(noise(), RATE, RATE, [16_000.0])
+    assert finding.level == 'warning' and '16000 Hz' in finding.words
 
 
 def test_a_device_is_not_blamed_for_a_busy_machine():
@@ -159,6 +165,14 @@ def test_the_middleware():
         (finding,) = judge_middleware(good | change, 8_000_000)
         assert finding.level != 'ok' and finding.remedy.startswith('export')
     assert levels(judge_middleware(good, 212_992)) == ['warning']
+
+
+@pytest.mark.parametrize(('facts', 'words'), [
+    ((True, True, True, ['/left/fmu/out/vehicle_status']), ''), ((True, True, True, ['/rosout']), 'nothing comes'),
+    ((True, True, False, []), 'does not run'), ((True, False, False, []), 'no agent'), ((False, True, True, []), 'px4_msgs')])
+def test_the_link_to_px4(facts, words):
+    found = judge_px4(*facts)
+    assert levels(found) == ['ok'] if not words else any(words in one.words and one.remedy for one in found), found
 
 
 def test_the_shipped_files_agree():

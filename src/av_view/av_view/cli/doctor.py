@@ -21,7 +21,8 @@ from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding
 from av_view.doctor.microphones import DIRECTIONS
 
-AREAS = ('files', 'devices', 'microphones', 'camera', 'machine')
+AREAS = ('files', 'devices', 'microphones', 'camera', 'machine', 'px4')
+DEFAULT = AREAS[:-1]
 SECONDS = (0.5, 600.0)  # to listen: from a few windows to a walk around the rig
 
 
@@ -31,7 +32,7 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--rig', default=str(CONFIG / 'rig.yaml'), help='description of the rig')
     parser.add_argument('--params', action='append', default=[], metavar='FILE', help='parameter file, as params:=')
-    parser.add_argument('--only', nargs='+', choices=AREAS, default=AREAS, help='areas to look at (default: all)')
+    parser.add_argument('--only', nargs='+', choices=AREAS, default=DEFAULT, help='areas to look at (default: all but px4)')
     parser.add_argument('--seconds', type=float, default=3.0, help='to listen and to look')
     parser.add_argument('--clap', metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
     parser.add_argument('--json', action='store_true', help='print JSON')
@@ -74,7 +75,7 @@ def look(options: argparse.Namespace) -> list[Finding]:
         'files': lambda: found, 'devices': program.devices,
         'microphones': lambda: listen(options, rig, parameter_files),
         'camera': lambda: program.camera(rig, parameter_files, options.seconds),
-        'machine': lambda: program.machine(parameter_files)}
+        'machine': lambda: program.machine(parameter_files), 'px4': program.px4}
     findings: list[Finding] = []
     for area in AREAS:
         if area in options.only and not any(one.area == area and one.level == 'error' for one in findings):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from av_view.doctor.finding import Finding
 
@@ -58,6 +58,32 @@ def judge_load(load: float, cores: int) -> Finding:
         return Finding('processor', 'warning', f'{load:.1f} processes want to run on {cores} cores already',
                        'end what is not needed: top')
     return Finding('processor', 'ok', f'{cores} cores, of which {load:.1f} are busy')
+
+
+def judge_px4(messages: bool, agent: bool, running: bool, topics: Collection[str]) -> list[Finding]:
+    """Judge the link to PX4, from the messages to what arrives.
+
+    Parameters:
+        messages: whether px4_msgs is installed.
+        agent: whether an agent of uXRCE-DDS is.
+        running: whether one runs.
+        topics: names of all topics.
+    """
+    if any('/fmu/out/' in topic for topic in topics):
+        found = [Finding('px4', 'ok', 'topics of PX4 arrive; next: docs/guides/px4.md')]
+    elif running:
+        found = [Finding('px4', 'error', 'the agent runs, and nothing comes from PX4', 'in PX4: uxrce_dds_client status; '
+                         'compare port and baud rate of both, and ROS_DOMAIN_ID with UXRCE_DDS_DOM_ID')]
+    elif agent:
+        found = [Finding('px4', 'error', 'the agent does not run', 'MicroXRCEAgent udp4 -p 8888, or for a serial link: '
+                         'MicroXRCEAgent serial --dev /dev/ttyUSB0 -b 921600')]
+    else:
+        found = [Finding('px4', 'error', 'no agent of uXRCE-DDS is installed', 'sudo snap install micro-xrce-dds-agent '
+                         '--edge, or build https://github.com/eProsima/Micro-XRCE-DDS-Agent')]
+    if not messages:
+        found.insert(0, Finding('px4', 'error', 'px4_msgs is not installed', 'clone https://github.com/PX4/px4_msgs, the '
+                                'branch of your firmware, into src, and make build'))
+    return found
 
 
 def judge_middleware(environment: Mapping[str, str], buffer: int | None) -> list[Finding]:

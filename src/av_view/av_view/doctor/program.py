@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import re
+import shutil
 import subprocess
 import time
 from collections.abc import Iterable, Sequence
@@ -10,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from av_audio.device_process import load_sounddevice
@@ -20,7 +24,7 @@ from av_common.rig import Rig
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.files import camera_settings
 from av_view.doctor.finding import Finding
-from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
 from av_vision.search import Pace
 from av_vision.sources.capture import DeviceSource as Camera
@@ -29,7 +33,9 @@ from av_vision.sources.realsense import RealSenseSource, sdk
 from av_vision.stage import make_detection_stage
 
 KEPT_IMAGES = 10  # of which differences are taken
+AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
 ROUNDS = 14  # of a detector, of which the second half is timed
+HARDWARE_RATE = re.compile(r'^rate: (\d+)', re.MULTILINE)
 WARM_UP_S = 0.6  # that the source itself leaves out
 LATE_S = 10.0  # for which samples are waited for on a busy machine
 
@@ -103,13 +109,14 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
         while len(samples) < seconds * settings.sample_rate and time.monotonic() < end:
             time.sleep(0.05)
             samples = np.concatenate([samples, _all(buffer, len(channels))])
+        hardware = _hardware_rates()
     finally:
         source.stop()
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.ppm)
     array = rig.array.geometry if rig is not None and rig.array.geometry.channels == len(channels) else None
-    found = judge_sound(samples, settings.sample_rate, delivered, array)
+    found = judge_sound(samples, settings.sample_rate, delivered, hardware, array)
     if clap is not None and array is not None:
         found.append(judge_clap(samples, settings.sample_rate, array, clap))
     return found
@@ -156,6 +163,17 @@ def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:
             *judge_middleware(os.environ, _largest_buffer())]
 
 
+def px4() -> list[Finding]:
+    """The link to PX4."""
+    running = any(process.info['name'] in AGENTS for process in psutil.process_iter(['name']))
+    command = ['ros2', 'topic', 'list', '--no-daemon', '--spin-time', '3']
+    try:
+        topics = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False).stdout.split()
+    except (OSError, subprocess.TimeoutExpired):
+        topics = []
+    return judge_px4(importlib.util.find_spec('px4_msgs') is not None, any(map(shutil.which, AGENTS)), running, topics)
+
+
 def _detector(parameter_files: Sequence[str | Path], size: tuple[int, int], rate: float) -> Finding:
     """Time on noise what detector_node does with an image: a search of as many regions as its look_time allows.
 
@@ -187,6 +205,12 @@ def _all(buffer: RingBuffer, channels: int) -> NDArray[Any]:
     while buffer.available:
         blocks.append(buffer.read()[1])
     return np.concatenate(blocks)
+
+
+def _hardware_rates() -> list[float]:
+    """Rates (Hz) of all captures by ALSA's drivers at the moment; a sound server may stand between them and the program."""
+    words = [file.read_text() for file in Path('/proc/asound').glob('card*/pcm*c/sub*/hw_params')]
+    return [float(found[1]) for found in map(HARDWARE_RATE.search, words) if found]
 
 
 def _synchronised() -> bool | None:
