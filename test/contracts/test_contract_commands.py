@@ -31,6 +31,25 @@ def test_the_body_turns_to_what_is_seen_and_stays_on_it(contract, azimuth, rate)
              at_most('off the axis, mean', float(np.mean(off)), 1.0, 'deg'))
 
 
+@pytest.mark.parametrize('array', ['pair', 'square'])
+def test_a_body_that_follows_by_sound_does_not_take_the_target_for_its_own(contract, array):
+    """To and fro by 50 deg at up to 25 deg/s: it moves less on the body than in the world."""
+    vehicle = Vehicle([Source(lambda t: unit(50.0 * math.sin(0.5 * t), 8.0))], sight=never, array=array).run(25.0)
+    contract(at_least('followed', vehicle.rig.followed(3.0), 1.0))
+
+
+@pytest.mark.parametrize('array', ['pair', 'square'])
+@pytest.mark.parametrize('azimuth', [60.0, -140.0, 20.0])
+def test_a_body_does_not_turn_after_its_own_sound_for_ever(contract, array, azimuth):
+    """A direction that is fixed to the body, which the body never reaches."""
+    vehicles: list[Vehicle] = []
+    own = Source(lambda t: vehicles[0].attitude(t).apply(unit(azimuth, -5.0)) if vehicles else unit(azimuth, -5.0))
+    vehicles.append(Vehicle([own], sight=never, array=array))
+    yaw = np.degrees(vehicles[0].run(20.0).yaw)
+    contract(at_most('turned', float(np.abs(yaw).max()), 180.0, 'deg'),
+             at_most('turned in the last 10 s', float(np.ptp(yaw[len(yaw) // 2:])), 5.0, 'deg'))
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_the_body_searches_then_turns_to_what_is_heard_behind(contract, seed):
     """Sound alone at 150 deg: a turn that tells the side, at most at the search rate, then half a turn at 45 deg/s."""

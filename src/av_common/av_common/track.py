@@ -96,6 +96,7 @@ class Target(NamedTuple):
         heard, seen (s): capture times of its newest direction of arrival and detection; -inf for never.
         kind: most probable class or type of drone; empty while unknown.
         fundamental (Hz): blade-pass frequency of its sound; NaN while unknown.
+        on_rig: probability that it is fixed to the body, as the rig's own rotors are.
     """
 
     id: int
@@ -106,6 +107,7 @@ class Target(NamedTuple):
     seen: float = -math.inf
     kind: str = ''
     fundamental: float = math.nan
+    on_rig: float = 0.0
 
 
 class Targets(NamedTuple):

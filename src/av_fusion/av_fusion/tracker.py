@@ -219,6 +219,9 @@ class MultiTargetTracker:
             primary = track.mixture.primary()
             if track.kind.is_fixed and primary is not None:
                 found[f'fixed emitter {track.id}'] = f'at {math.degrees(primary.azimuth):.0f} deg in the world'
+            if primary is not None and primary.on_rig:
+                body = primary.in_body(self.motion.attitude(track.time))
+                found[f'own sound {track.id}'] = f'at {math.degrees(body.azimuth):.0f} deg in the body'
         return {**found, **self._calibration.diagnostics()}
 
     def _reset_after_gap(self, time: float) -> None:
@@ -231,7 +234,7 @@ class MultiTargetTracker:
         if primary is None or time - primary.measured > COAST_S + SOUND_TIMEOUT_S:
             return None
         later, attitude = track.later(time), self.motion.attitude(time)
-        found = {component: one.in_body(attitude) for component, one in later.items()}
+        found = {component: one.in_body(attitude) for component, one in later.items() if one.on_rig == primary.on_rig}
         front = (sum([component.weight * one.front_share for component, one in found.items()])
                  / sum([component.weight for component in found]))
         track.resolved = self._mirror_axis is None or is_resolved(track.mixture, primary, front, attitude, self._confirm,
@@ -242,8 +245,8 @@ class MultiTargetTracker:
         shown = _placed(Track(time=time, source=source, measured=primary.measured, front_probability=front,
                              resolved=track.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
                              sight_weight=seen * (1.0 - 0.5 * heard)), later[primary], found[primary], self.motion)
-        return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
-                      track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
+        return Target(track.id, track.existence, shown, track.drone, primary.newest_doa, primary.newest_sighting,
+                      track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency, track.mixture.on_rig)
 
     def _plan_rotation(self, time: float, tracks: Sequence[FilterTrack]) -> float:
         """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
@@ -263,7 +266,7 @@ class MultiTargetTracker:
         visibility = (self._image.visibility if math.isfinite(self._image.visibility)
                       else max(self.settings.filter.assumed_visibility, UNKNOWN))
         components = [component for track in {track.id: track for track in tracks}.values()
-                      for component in track.mixture.components]
+                      for component in track.mixture.likely]
         return self.looks.plan(time, components, visibility * self.settings.filter.detection_probability, self.motion)
 
 
@@ -273,8 +276,9 @@ def _why_not_followed(found: Sequence[Target]) -> str:
     if target is None:
         return ''
     sensed = 'seen' if target.track.source & Source.SIGHT else 'heard'
-    return (f'{sensed} at {math.degrees(target.track.azimuth):+.0f} deg, judged not a drone '
-            f'({target.drone_probability:.2f})')
+    judged = (f'turns with the rig ({target.on_rig:.2f})' if target.on_rig > 0.5 else
+              f'judged not a drone ({target.drone_probability:.2f})')
+    return f'{sensed} at {math.degrees(target.track.azimuth):+.0f} deg, {judged}'
 
 
 def _placed(track: Track, component: GaussianComponent, found: BodyDirection, motion: RigMotion) -> Track:

@@ -18,7 +18,7 @@ from av_fusion.tracks.track import _update_by_image
 @pytest.mark.parametrize('seen', [0.1, 0.5, 0.9])
 def test_moments_are_those_of_what_is_left(mean_deg, seen):
     covariance = np.diag([0.01, math.radians(12.0) ** 2, 0.01, 0.01, 0.001])
-    past = GaussianComponent(1.0, 0.3, math.radians(mean_deg), np.ones(1), np.zeros((1, 5)), covariance[None]).at(0.0)
+    past = GaussianComponent(1.0, 0.3, math.radians(mean_deg), np.ones(1), np.zeros((1, 5)), covariance[None]).at()
     half, angle = math.radians(27.0), math.radians(mean_deg)
     shift, change = truncated(Extent(angle, (0.0, 1.0), half), past, seen)
     grid = np.linspace(angle - 1.5, angle + 1.5, 60001)
@@ -41,6 +41,6 @@ def test_empty_images_leave_a_covariance_whose_angles_are_correlated(place_deg):
     measurement = CameraMeasurement(0.0, (), math.radians(35.0), math.radians(27.0), 1.0)
     image = Image(0.0, measurement, [], list(IDENTITY), 1.0, True, 0.3)
     for _ in range(30):
-        compared = compare(component, component.at(0.0), image, 0.9)
+        compared = compare(component, component.at(), image, 0.9)
         _update_by_image(image, compared, np.zeros(0), 0.9)
         assert np.linalg.eigvalsh(component.covariances[0]).min() > 0.0

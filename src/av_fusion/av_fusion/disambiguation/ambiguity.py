@@ -40,7 +40,7 @@ def candidates(mixture: GaussianMixture, yaw: float, axis: Vector, confirm: floa
         confirm: probability from which a direction counts as the only one.
     """
     found = []
-    for c in mixture.components:
+    for c in mixture.likely:
         (across, _), (_, up) = c.covariance[:2, :2].tolist()
         found.append(Candidate(remainder(c.azimuth - yaw, tau), across, c.across_rate, float(c.covariance[2, 2]), c.weight,
                                c.elevation, up))

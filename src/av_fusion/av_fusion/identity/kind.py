@@ -13,6 +13,7 @@ from av_common.track import Source
 # Prior probabilities of a drone, of something else that moves, and of a fixed emitter: what is heard around a rig that looks
 # for drones is one as often as not, and one source in four of the others is a fan or generator.
 DRONE, OTHER, FIXED = 0.5, 0.375, 0.125
+OWN = 0.05  # prior probability that what is heard is none of these, but a part of the rig that turns with it
 # Logarithm of how much more often a detector of drones marks a drone than something else: what is seen is a drone with a
 # probability of 0.6 before its scores count.
 SEEN = 0.4
@@ -40,7 +41,7 @@ class Kind:
 
     @property
     def drone(self) -> float:
-        """Probability that the target is a drone; NaN before the first look."""
+        """Probability that the target is a drone, if it does not turn with the rig; NaN before the first look."""
         return self._probabilities()[0]
 
     @property

@@ -43,6 +43,12 @@ def turned(rows: Rows, v: Vector) -> Vector:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
+def turn_between(before: Rows, after: Rows) -> Rows:
+    """The rotation, in the parent's frame, that turns a frame from one rotation to another."""
+    x, y, z = [(dot(row, before[0]), dot(row, before[1]), dot(row, before[2])) for row in after]
+    return x, y, z
+
+
 def turned_back(rows: Rows, v: Vector) -> Vector:
     """A vector turned by the inverse of a rotation: from the parent to the frame."""
     x, y, z = v

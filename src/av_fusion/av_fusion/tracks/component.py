@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
+from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
 from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
-from av_fusion.tracks.past_state import Alternatives, PastState, Row, share_within
+from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState, Row, share_within
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
@@ -64,6 +64,7 @@ class GaussianComponent:
         across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
         inverse_range (1/m): of the target.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
+        on_rig: whether the source is fixed to the body, as the rig's own rotors are; rates are then relative to that.
         usual: distribution to which the elevation returns.
         hidden: by camera, the probability that fog, or something near, hides the target from it, and the time (s) for which
             that is valid.
@@ -83,6 +84,7 @@ class GaussianComponent:
     up_rate: float = 0.0
     inverse_range: float = 0.03
     elevation_measured: bool = False
+    on_rig: bool = False
     usual: Elevation = field(default=Elevation(0.0, 1.0, 1.0), repr=False)
     hidden: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     p_unheard: float = 0.0
@@ -117,7 +119,7 @@ class GaussianComponent:
         return (self.across_rate - self.inverse_range * dot(velocity, across),
                 self.up_rate - self.inverse_range * dot(velocity, up))
 
-    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> None:
+    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO, turn: Rows = IDENTITY) -> None:
         """Predict by `dt` s: white angular acceleration, of a density that depends on the mode.
 
         Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
@@ -130,7 +132,7 @@ class GaussianComponent:
             dt (s): duration of the prediction; with a negative one the state is extrapolated back without process noise.
             model: motion of targets.
             moving: whether the target accelerates at all.
-            moved (m): displacement of the rig meanwhile, in the world.
+            moved (m), turn: displacement and rotation of the rig meanwhile, in the world. What is on the rig turns with it.
         """
         level, late = math.cos(self.elevation) ** 2, max(dt, 0.0)
         kept = math.exp(-0.5 * level * late * model.elevation_density / self.usual.variance)
@@ -141,7 +143,7 @@ class GaussianComponent:
         step[4, 4], s = forgotten, self.inverse_range
         across = dt * self.across_rate
         up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - self.usual.mean)
-        if moved != ZERO:
+        if moved != ZERO and not self.on_rig:
             left, above = tangents(self.azimuth, self.elevation)
             beside, below, nearer = dot(moved, left), dot(moved, above), dot(moved, self.direction)
             step[0, 4], step[1, 4], step[4, 4] = -beside, -below, forgotten * (1.0 + 2.0 * s * nearer)
@@ -155,6 +157,8 @@ class GaussianComponent:
             self._add_noise(dt, model, moving, level, kept, forgotten)
         self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
         self.move((1.0 - level) * across, up)
+        if self.on_rig:
+            self.turn_world(turn)
 
     def _mix(self, transitions: NDArray[np.float64]) -> None:
         """Change modes with the probabilities (k, k): the interaction of Blom and Bar-Shalom, 1988.
@@ -183,23 +187,25 @@ class GaussianComponent:
         covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
         covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
 
-    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO) -> GaussianComponent:
+    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO, turn: Rows = IDENTITY
+                  ) -> GaussianComponent:
         """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
 
         Parameters:
             ahead (s): time of the copy minus time of the component.
-            model, moving, moved: see `predict`.
+            model, moving, moved, turn: see `predict`.
         """
         copy = replace(self)
-        copy.predict(ahead, model, moving, moved)
+        copy.predict(ahead, model, moving, moved, turn)
         return copy
 
-    def at(self, lag: float, moved: Vector = ZERO) -> PastState:
-        """The direction `lag` s before the component's time, since when the rig moved by `moved` (m, world)."""
-        across, up = -lag * self.across_rate, -lag * self.up_rate
+    def at(self, lag: Lag = NOW) -> PastState:
+        """The direction at the time of a measurement that is earlier by a lag."""
+        seconds, moved = lag.seconds, ZERO if self.on_rig else lag.moved
+        across, up = -seconds * self.across_rate, -seconds * self.up_rate
         jacobian = np.zeros((2, SIZE))
         jacobian[0, 0] = jacobian[1, 1] = 1.0
-        jacobian[0, 2] = jacobian[1, 3] = -lag
+        jacobian[0, 2] = jacobian[1, 3] = -seconds
         if moved != ZERO:
             beside, below = [dot(moved, axis) for axis in tangents(self.azimuth, self.elevation)]
             jacobian[0, 4], jacobian[1, 4] = beside, below
@@ -211,8 +217,9 @@ class GaussianComponent:
         azimuth = self.azimuth + level * across
         left, above = tangents(azimuth, self.elevation)
         past = PastState(direction_of(azimuth, self.elevation), left, above, hh, hv, vv, self.modes, offsets, spreads, gains,
-                         lag, moved)
-        return past.shifted((1.0 - level * level) * across, up)
+                         lag)
+        past = past.shifted((1.0 - level * level) * across, up)
+        return past.turned(lag.turn) if self.on_rig else past
 
     def accept(self, time: float, seen: bool, past: PastState, row: Row, alternatives: Alternatives) -> None:
         """Note what alternative values of one quantity say by themselves, if one of them probably belongs to this component.

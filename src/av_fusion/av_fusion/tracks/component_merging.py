@@ -21,7 +21,7 @@ def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]
         component: the component.
         axis: unit vector of the axis in the world.
     """
-    past = component.at(0.0)
+    past = component.at()
     beside, row = past.beside(axis)
     if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the axis
         return [component]
@@ -43,6 +43,8 @@ def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]
 
 def are_mergeable(one: GaussianComponent, other: GaussianComponent) -> bool:
     """Whether direction and rates of both agree within their standard deviations, so that their sum has one peak."""
+    if one.on_rig != other.on_rig:
+        return False
     across, up = _offset(one, other)
     variances = one.covariance.diagonal() + other.covariance.diagonal()
     return bool(across**2 < variances[0] and up**2 < 2.0 * variances[1]

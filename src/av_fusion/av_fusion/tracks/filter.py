@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from av_common.track import Source
 from av_fusion.identity.blade_pass import fundamental_likelihoods
+from av_fusion.identity.kind import OWN
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import Rows, Vector
+from av_fusion.measurement.vectors import Rows
 from av_fusion.tracks.association import associate
 from av_fusion.tracks.component import ASSOCIATED
 from av_fusion.tracks.component_merging import are_mergeable
 from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, births_of, hear
 from av_fusion.tracks.mixture import BirthComponent
+from av_fusion.tracks.past_state import Lag
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
 from av_fusion.tracks.track import SoundComparison, Track
@@ -91,7 +93,7 @@ class MultiBernoulliFilter:
         self._reduce(time)
 
     def _use_sound(self, time: float, measurements: Sequence[DoaMeasurement], heard: Sequence[Hearing],
-                   places: Sequence[tuple[float, Vector]], fraction: float, look: float, elapsed: float) -> None:
+                   places: Sequence[Lag], fraction: float, look: float, elapsed: float) -> None:
         """Associate the directions with the tracks, update these, and begin tracks for what none explains."""
         detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
         gains = np.array([detected * one.peak / one.clutter for one in heard])
@@ -114,7 +116,7 @@ class MultiBernoulliFilter:
             track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(np.add.reduce(row)))
         self._note_told_apart(shares)
         for j, existence in enumerate((fraction * new).tolist()):
-            begun = self._begin(time, heard[j].births, existence)
+            begun = self._begin(time, heard[j].births, existence, OWN)
             if begun is not None:
                 begun.mixture.note_measured(heard=time)
                 begun.blade_pass.update(fundamentals[j:j + 1], np.ones(1), fraction)
@@ -168,13 +170,21 @@ class MultiBernoulliFilter:
         self._detect(view_share * settings.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
-    def _begin(self, time: float, begin: Callable[[], list[BirthComponent]], existence: float) -> Track | None:
-        """Begin a track with a measurement that no track explains; None where it hardly is a target."""
+    def _begin(self, time: float, begin: Callable[[], list[BirthComponent]], existence: float, on_rig: float = 0.0
+               ) -> Track | None:
+        """Begin a track with a measurement that no track explains; None where it hardly is a target.
+
+        Parameters:
+            time (s): capture time of the measurement.
+            begin: gives the components that it may start.
+            existence: probability that it is a target.
+            on_rig: probability that such a target turns with the rig.
+        """
         births = begin() if existence >= self._settings.least_existence else []
         if not births:
             return None
         self._newest_id += 1
-        track = Track(self._newest_id, time, births, existence, self._settings, self._motion)
+        track = Track(self._newest_id, time, births, existence, self._settings, self._motion, on_rig)
         self.tracks.append(track)
         return track
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents
+from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, dot, offset, tangents
 from av_fusion.tracks.component import SIZE, GaussianComponent
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
 from av_fusion.tracks.motion import Elevation, MotionModel
@@ -48,6 +48,7 @@ class GaussianMixture:
 
     Attributes:
         components: the Gaussians.
+        on_rig: probability that the target, if there is one, is fixed to the body.
         absent: probability that there is no such target.
 
     Parameters:
@@ -57,44 +58,50 @@ class GaussianMixture:
 
     def __init__(self, model: MotionModel, rate_variance: float) -> None:
         self.components: list[GaussianComponent] = []
-        self.absent = 1.0
+        self.absent, self.on_rig = 1.0, 0.0
         self.model, self._rate_variance = model, rate_variance
         self._primary: GaussianComponent | None = None
 
     @classmethod
-    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float
-             ) -> GaussianMixture:
+    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
+             on_rig: float = 0.0) -> GaussianMixture:
         """The density of a target that begins with one measurement.
 
         Parameters:
             births: its mirror images.
             existence: probability that there is such a target.
             model, rate_variance: see the class.
+            on_rig: probability that it is fixed to the body. Its mirror images are one there, as none ever fits better.
         """
         mixture = cls(model, rate_variance)
-        mixture.components = [mixture._component_of(birth, existence * birth.share) for birth in births]
+        mixture.components = [mixture._component_of(birth, existence * (1.0 - on_rig) * birth.share) for birth in births]
+        if on_rig > 0.0:
+            own = mixture._component_of(max(births, key=lambda birth: birth.share), existence * on_rig)
+            own.on_rig = True
+            mixture.components.append(own)
         mixture.absent = 1.0 - existence
         mixture.reduce()
         return mixture
 
-    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO) -> None:
+    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO, turn: Rows = IDENTITY) -> None:
         """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
 
         Parameters:
             dt (s): duration of the prediction.
             moving: whether the target accelerates at all.
             kept: probability that the target is still present.
-            moved (m): displacement of the rig meanwhile, in the world.
+            moved (m), turn: displacement and rotation of the rig meanwhile, in the world.
         """
         for component in self.components:
-            component.predict(dt, self.model, moving, moved)
+            component.predict(dt, self.model, moving, moved, turn)
             component.weight *= kept
         self.absent += (1.0 - kept) * (1.0 - self.absent)
 
     def split_at(self, axes: Collection[Vector]) -> None:
         """Split components that extend to both sides of the vertical planes of axes (unit vectors in the world)."""
         for axis in axes:
-            self.components = [part for component in self.components for part in split(component, axis)]
+            self.components = [part for component in self.components
+                               for part in ([component] if component.on_rig else split(component, axis))]
 
     def note_measured(self, heard: float = -math.inf, seen: float = -math.inf, camera: str = '') -> None:
         """Note that all components were measured at these times (s) by sound, or by sight of a camera."""
@@ -114,15 +121,16 @@ class GaussianMixture:
             variance (rad^2): of its direction along each axis.
             wrong: probability that it concerns another target.
         """
-        total = sum([component.weight for component in self.components])
-        for component in self.components:
+        components = [component for component in self.components if not component.on_rig]
+        total = sum([component.weight for component in components])
+        for component in components:
             left, above = tangents(component.azimuth, component.elevation)
             apart = np.array(offset(component.direction, left, above, cue))
             S = component.covariance[:2, :2] + variance * np.eye(2)
             density = math.exp(-0.5 * float(apart @ np.linalg.solve(S, apart))) / (tau * math.sqrt(float(np.linalg.det(S))))
             component.weight *= wrong + (1.0 - wrong) * density * 2.0 * tau
-        changed = sum([component.weight for component in self.components])
-        for component in self.components:
+        changed = sum([component.weight for component in components])
+        for component in components:
             component.weight *= total / changed
 
     def turn_world(self, rows: Rows) -> None:
@@ -158,12 +166,21 @@ class GaussianMixture:
                 else:
                     self.absent += component.weight
         self.absent = max(self.absent, LEAST_ABSENT)
+        whole = sum([component.weight for component in kept])
+        self.on_rig = sum([component.weight for component in kept if component.on_rig]) / whole if kept else 0.0
+
+    @property
+    def likely(self) -> list[GaussianComponent]:
+        """The components of what is the more probable: that the target is fixed to the body, or that it is not."""
+        own = self.on_rig > 0.5
+        return [component for component in self.components if component.on_rig == own]
 
     def primary(self) -> GaussianComponent | None:
-        """The heaviest component; the previous one is kept until another is clearly heavier."""
-        heaviest = max(self.components, key=_WEIGHT, default=None)
-        previous = self._primary
-        if (heaviest is None or previous is None or previous not in self.components
+        """The heaviest component of the likely ones; the previous one is kept until another is clearly heavier."""
+        own, previous = self.on_rig > 0.5, self._primary
+        likely = [component for component in self.components if component.on_rig == own]
+        heaviest = max(likely, key=_WEIGHT, default=None)
+        if (heaviest is None or previous is None or previous not in likely
                 or heaviest.weight > PRIMARY_RATIO * previous.weight):
             self._primary = heaviest
         return self._primary
@@ -171,7 +188,7 @@ class GaussianMixture:
     def share_of(self, primary: GaussianComponent) -> float:
         """Probability of the direction of the primary component, given that there is a target: of all that agree with it."""
         agreeing = total = 0.0
-        for component in self.components:
+        for component in [one for one in self.components if one.on_rig == primary.on_rig]:
             total += component.weight
             apart = min(abs(remainder(primary.azimuth - component.azimuth, tau)),  # at the zenith azimuths mean little
                         math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))

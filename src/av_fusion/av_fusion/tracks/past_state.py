@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.vectors import Vector, combined, dot, offset
+from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, combined, dot, offset, turned
 
 Row = tuple[float, float]
 
@@ -38,6 +38,23 @@ class Alternatives(NamedTuple):
         return share, mean, square, share / np.maximum(information, 1e-300)
 
 
+class Lag(NamedTuple):
+    """How much earlier than a density a measurement is.
+
+    Parameters:
+        seconds (s): time since then.
+        moved (m): displacement of the rig since then, in the world.
+        turn: rotation of the rig from now to then, in the world.
+    """
+
+    seconds: float = 0.0
+    moved: Vector = ZERO
+    turn: Rows = IDENTITY
+
+
+NOW = Lag()
+
+
 class PastState(NamedTuple):
     """A Gaussian of the direction in the plane that touches the sphere at its mean.
 
@@ -47,7 +64,7 @@ class PastState(NamedTuple):
         modes (k,): probabilities of the modes of motion.
         offsets (k, 2), spreads (k, 2, 2): mean of the direction in each mode from that of all, and its covariance.
         gains (k, 5, 2): covariance of the component's present state with the direction along both axes, by mode.
-        lag (s), moved (m): time since then, and displacement of the rig, in the world.
+        lag: how much earlier it is.
     """
 
     direction: Vector
@@ -60,8 +77,7 @@ class PastState(NamedTuple):
     offsets: NDArray[np.float64]
     spreads: NDArray[np.float64]
     gains: NDArray[np.float64]
-    lag: float
-    moved: Vector
+    lag: Lag
 
     def shifted(self, across: float, up: float) -> PastState:
         """The state with direction and axes moved by `across` and `up` (rad) along a great circle."""
@@ -74,6 +90,11 @@ class PastState(NamedTuple):
         change = combined(cosine - 1.0, along, -sine, direction)
         return self._replace(direction=combined(cosine, direction, sine, along), left=combined(1.0, left, h, change),
                              above=combined(1.0, above, v, change))
+
+    def turned(self, rows: Rows) -> PastState:
+        """The state with direction and axes turned by a rotation."""
+        return self._replace(direction=turned(rows, self.direction), left=turned(rows, self.left),
+                             above=turned(rows, self.above))
 
     def variance(self, row: Row) -> float:
         """Variance (rad^2) of the direction along a row of derivatives, whatever the mode."""

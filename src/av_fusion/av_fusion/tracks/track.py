@@ -11,15 +11,26 @@ from numpy.typing import NDArray
 
 from av_common.track import Source
 from av_fusion.identity.blade_pass import BladePassFrequency
-from av_fusion.identity.kind import Kind
+from av_fusion.identity.kind import DRONE, Kind
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents
+from av_fusion.measurement.vectors import (
+    IDENTITY,
+    Rows,
+    Vector,
+    combined,
+    dot,
+    offset,
+    tangents,
+    turn_between,
+    turned,
+    turned_back,
+)
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
 from av_fusion.tracks.likelihood import Comparison, Deviation
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
-from av_fusion.tracks.past_state import Alternatives, PastState
+from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, SightComparison, compare, extents, truncated
 
@@ -27,6 +38,7 @@ MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, star
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
 LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
 LARGEST_MOVE = math.cos(math.radians(4.0))  # of the direction of what counts as one place in the world
+ON_RIG_SIGMA = math.radians(3.0)  # of places on the body: with speeds of rotors, the middle of what is heard of them moves
 FAR_M = 5.0  # displacement of the rig after which a place has another direction
 
 
@@ -64,18 +76,24 @@ class Track:
         identifier: see `id`.
         time (s): capture time of the first measurement.
         births, existence: its mirror images, and the probability that there is such a target.
+        on_rig: probability that it is fixed to the body.
         settings: see `FilterSettings`.
         motion: attitude and path of the rig.
     """
 
     def __init__(self, identifier: int, time: float, births: Sequence[BirthComponent], existence: float,
-                 settings: FilterSettings, motion: RigMotion) -> None:
+                 settings: FilterSettings, motion: RigMotion, on_rig: float = 0.0) -> None:
         self._settings, self._motion = settings, motion
         self.id, self.began, self.time = identifier, time, time
-        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2)
+        self._attitude = motion.attitude(time)  # of the rig at the time of the density, as it was known then
+        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2, on_rig)
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
         self.score, self.resolved = 0.0, False
         self.told_apart: dict[int, float] = {}
+        # Where it would be on the rig, in the body, with variances (rad^2) across and up; and the largest square of a distance.
+        self._on_rig = [(turned_back(self._attitude, one.direction), *one.covariance.diagonal()[:2])
+                        for one in self.mixture.components if one.on_rig]
+        self._moved_on_rig = 0.0
         self._anchor: tuple[Vector, Vector] | None = None  # direction from which it is heard while static, and the rig's place
 
     @property
@@ -95,29 +113,43 @@ class Track:
         primary = self.mixture.primary()
         return -math.inf if primary is None else primary.newest_sighting
 
-    def predict(self, time: float, axes: Collection[Vector] = ()) -> tuple[float, Vector]:
+    @property
+    def drone(self) -> float:
+        """Probability that the target is a drone; NaN while nothing tells.
+
+        That it is a part of the rig counts once it is more probable than not.
+        """
+        own, drone = self.mixture.on_rig, self.kind.drone
+        return drone if own <= 0.5 else (1.0 - own) * (DRONE if math.isnan(drone) else drone)
+
+    def predict(self, time: float, axes: Collection[Vector] = ()) -> Lag:
         """Predict to `time` (s); nothing for an earlier time.
 
-        Returns how much earlier (s) it is than the density, 0 after a prediction, and the displacement of the rig since (m).
+        Returns how much earlier it is than the density, NOW after a prediction.
 
         Parameters:
             time (s): capture time of a measurement.
             axes: at which components are split, since a measurement near end-fire fits both sides.
         """
-        dt, place = time - self.time, (0.0, ZERO)
+        dt, lag, attitude, turn = time - self.time, NOW, self._attitude, IDENTITY
+        if self.mixture.on_rig:
+            attitude = self._motion.attitude(time)
+            turn = turn_between(self._attitude, attitude)
         if dt < 0.0:
-            place = -dt, self._motion.moved(time, self.time)
+            lag = Lag(-dt, self._motion.moved(time, self.time), turn)
         else:
             self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
-                                 self._motion.moved(self.time, time))
-            self.time = time
+                                 self._motion.moved(self.time, time), turn)
+            self.time, self._attitude = time, attitude
         self.mixture.split_at(axes)
-        return place
+        return lag
 
     def later(self, time: float) -> dict[GaussianComponent, GaussianComponent]:
         """A copy of each component, predicted to `time` (s)."""
-        moved = self._motion.moved(self.time, time)
-        return {component: component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed, moved)
+        moved, turn = self._motion.moved(self.time, time), IDENTITY
+        if self.mixture.on_rig:
+            turn = turn_between(self._attitude, self._motion.attitude(time))
+        return {component: component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed, moved, turn)
                 for component in self.mixture.components}
 
     def predict_heard(self, seconds: float) -> None:
@@ -126,11 +158,11 @@ class Track:
         for component in self.mixture.components:
             component.p_unheard = rate + kept * (component.p_unheard - rate)
 
-    def compare_sound(self, heard: Sequence[Hearing], place: tuple[float, Vector]) -> list[SoundComparison]:
-        """Each component compared with each direction of arrival of one window; `place` is the result of `predict`."""
+    def compare_sound(self, heard: Sequence[Hearing], lag: Lag) -> list[SoundComparison]:
+        """Each component compared with each direction of arrival of one window; `lag` is the result of `predict`."""
         compared = []
         for component in self.mixture.components:
-            past = component.at(*place)
+            past = component.at(lag)
             directions = [hearing.likelihood.compare(past) for hearing in heard]
             fits = np.array([direction.fits for direction in directions]).T
             compared.append(SoundComparison(component, past, directions, fits))
@@ -189,17 +221,32 @@ class Track:
             if sum(whole) >= ASSOCIATED:
                 component.newest_doa = max(component.newest_doa, time)
             component.weight *= total
+            if component.on_rig:
+                component.weight *= self._stays_on_rig(component)
         self.mixture.reduce()
+
+    def _stays_on_rig(self, component: GaussianComponent) -> float:
+        """Likelihood that what is fixed to the body was found where it is: within ON_RIG_SIGMA of where it was first heard.
+
+        A target that the rig follows moves less relative to the body than to the world, but not so little.
+        """
+        place, across_variance, up_variance = self._on_rig[0]
+        axes, covariance = tangents(component.azimuth, component.elevation), component.covariance
+        across, up = offset(component.direction, *axes, turned(self._attitude, place))
+        square = (across**2 / (across_variance + covariance[0, 0] + ON_RIG_SIGMA**2)
+                  + up**2 / (up_variance + covariance[1, 1] + ON_RIG_SIGMA**2))
+        before, self._moved_on_rig = self._moved_on_rig, max(self._moved_on_rig, float(square))
+        return math.exp(0.5 * (before - self._moved_on_rig))
 
     def predict_hidden(self, image: Image) -> None:
         """Predict to an image whether the target is hidden from the camera."""
         for component in self.mixture.components:
             component.predict_hidden(image.measurement.camera, image.time, image.visibility, image.is_known)
 
-    def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
-        """Each component compared with an image; `place` is the result of `predict`."""
-        return [compare(component, component.at(*place), image, self._settings.detection_probability)
-                for component in self.mixture.components]
+    def compare_image(self, image: Image, lag: Lag) -> list[SightComparison]:
+        """Each component compared with an image, which shows no part of the rig; `lag` is the result of `predict`."""
+        return [compare(component, component.at(lag), image, self._settings.detection_probability)
+                for component in self.mixture.components if not component.on_rig]
 
     def image_ratios(self, compared: Sequence[SightComparison], count: int) -> NDArray[np.float64]:
         """Likelihood ratio of each detection: that it is this target, over that none is, (m,).
@@ -209,6 +256,7 @@ class Track:
             count: number of detections.
         """
         none, ratios = self.mixture.absent, np.zeros(count)
+        none += sum([component.weight for component in self.mixture.components if component.on_rig])
         for comparison in compared:
             none += comparison.component.weight * comparison.missed
             ratios += comparison.component.weight * (comparison.component.modes @ comparison.found)
@@ -248,7 +296,7 @@ class Track:
     def increment(self) -> Increment | None:
         """What its direction's measurements have added since the last call; None where there were none."""
         primary, found = self.mixture.primary(), None
-        if primary is not None:
+        if primary is not None and not primary.on_rig:
             (across, up), (left, above) = (primary.rates(self._motion.velocity(self.time)),
                                            tangents(primary.azimuth, primary.elevation))
             found = increment(primary.evidence, combined(across, left, up, above))
@@ -259,6 +307,7 @@ class Track:
     def turn_world(self, rows: Rows) -> None:
         """Turn the track with the world, where the rig's attitude was corrected."""
         self.mixture.turn_world(rows)
+        self._attitude = self._motion.attitude(self.time)
         self._anchor = None
 
 
@@ -280,7 +329,7 @@ def update_by_directions(time: float, seen: bool, component: GaussianComponent, 
     known = [(j, one.direction) for j, one in enumerate(directions) if one.direction is not None and one.direction.is_known]
     theirs = shares[:, [j for j, _ in known]]
     if np.add.reduce(component.modes @ theirs) > LEAST_ELEVATION_ASSOCIATION:
-        past = component.at(past.lag, past.moved)
+        past = component.at(past.lag)
         _update(time, seen, component, past, [direction.deviations(past)[1] for _, direction in known], theirs, fraction)
         component.elevation_measured = True
     return np.asarray(component.modes @ shares).tolist()
@@ -335,7 +384,7 @@ def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> 
     """
     component = compared.component
     for axis in (0, 1):  # one after the other, as both angles may be correlated
-        past = component.at(compared.past.lag, compared.past.moved)
+        past = component.at(compared.past.lag)
         ranges = extents(past, image.view, image.measurement)
         here = 1.0 - (1.0 - seen * ranges[1 - axis].share(past)) ** image.fraction
         component.update_moments(past, ranges[axis].row, *truncated(ranges[axis], past, here))
