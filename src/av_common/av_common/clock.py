@@ -7,6 +7,7 @@ from outside and may be anything: only agreement over time sets or moves the off
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
 
 from av_common.stamps import END_S
@@ -25,7 +26,8 @@ NEAR_S = 0.01            # deviation that is chased
 EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
 LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
 REORDERED_S = 0.015      # largest delay of a stamp older than its predecessor: a step back of the clock looks alike
-WIDTH_S = 0.1            # largest difference of the offsets of a candidate from its first
+WIDTH_S = 0.1            # largest difference of the offsets of one candidate from its first
+MOST_CANDIDATES = 16     # so that a flood costs little
 CANDIDATE_SILENCE_S = 2.0    # after which a candidate is forgotten: twice the time of an agreement
 REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
 LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
@@ -95,6 +97,13 @@ class _Offset:
         """Number of arrivals in the window (s) that ends `now` (s)."""
         return sum(time >= now - window for time, _ in self._samples)
 
+    def settle(self) -> float:
+        """The offset: the lowest of the densest arrivals, as delays crowd at the least one. Earlier ones are dropped."""
+        offsets = sorted(offset for _, offset in self._samples)
+        lowest = max(offsets, key=lambda low: bisect_right(offsets, low + AGREEMENT_ERROR_S) - bisect_left(offsets, low))
+        self._samples = deque((time, offset) for time, offset in self._samples if offset >= lowest - EARLY_S)
+        return lowest
+
     def quantile(self, tenths: int, begin: float = -math.inf, end: float = math.inf) -> float:
         """Quantile (in tenths) of the offsets from `begin` to before `end` (s), NaN without any."""
         offsets = sorted(offset for time, offset in self._samples if begin <= time < end)
@@ -106,25 +115,34 @@ class _Offset:
         return self._samples[-1][0] - self._samples[0][0]
 
     @property
-    def agrees(self) -> bool:
-        """Whether the arrivals show an offset over AGREEMENT_S that is constant, or that grows evenly by what can be followed.
+    def is_whole(self) -> bool:
+        """Whether the arrivals are enough to agree, and last for AGREEMENT_S."""
+        return self.end - self.begin >= AGREEMENT_S and len(self._samples) >= FEWEST
 
-        The offset to a simulation slower than time grows.
-        """
-        if self.end - self.begin < AGREEMENT_S or len(self._samples) < FEWEST:
+    @property
+    def agrees(self) -> bool:
+        """Whether the arrivals show one constant offset over AGREEMENT_S."""
+        if not self.is_whole:
+            return False
+        middle = self._samples[-1][0] - self.span / 2.0
+        return abs(self.quantile(1, end=middle) - self.quantile(1, begin=middle)) <= AGREEMENT_ERROR_S
+
+    @property
+    def grows(self) -> bool:
+        """Whether the offset grows evenly over AGREEMENT_S, by what can be followed: a simulation slower than time."""
+        if not self.is_whole:
             return False
         begin, third = self._samples[0][0], self.span / 3.0
         first, second, last = (self.quantile(1, begin + k * third, begin + (k + 1.001) * third) for k in range(3))
-        return (-AGREEMENT_ERROR_S <= last - first <= 2.0 * third * CHASE
-                and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S)
+        return 0.0 < last - first <= 2.0 * third * CHASE and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S
 
 
 class SenderClock:
     """The offset between ROS time and the clock of one stream of one sender.
 
     A stamp is dated when it is at most EARLY_S before and LATEST_S behind the offset. The offset follows the low arrivals
-    of the last second with a bounded slew. Other stamps are refused, and form a candidate for a new offset. It takes over, as a
-    restart, once its stamps have agreed for AGREEMENT_S and clearly outnumber those of the present offset.
+    of the last second with a bounded slew. Other stamps are refused, and form candidates for a new offset. A candidate
+    takes over, as a restart, once its stamps have agreed for AGREEMENT_S and clearly outnumber those of the present offset.
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
     back. No stamp is dated later than its arrival, and none before an older one, but where the offset was replaced.
 
@@ -152,7 +170,7 @@ class SenderClock:
         self._drift, self._early = drift, early
         self._time, self._order = ElapsedTime(), Order()
         self._accepted: _Offset | None = None
-        self._candidate: _Offset | None = None
+        self._candidates: list[_Offset] = []
         self._offset = self._floor = self._low = math.nan
         self._earliest = math.nan    # the floor by which it was on time last
         self._newest = self._renewed = -math.inf    # newest stamp, and when it arrived first
@@ -199,14 +217,14 @@ class SenderClock:
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
         if lag > LATEST_S or stamp < self._newest or repeated:
             return False
-        refused = self._candidate.count(now, lag) if self._candidate and self._candidate.fits(offset) else 0
+        refused = sum(candidate.count(now, lag) for candidate in self._candidates if candidate.fits(offset))
         return refused < accepted.count(now, lag) or not refused
 
     def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
         accepted.add(now, offset)
         if not self.settled:
             self._offset = self._floor = self._earliest = self._low = min(self._offset, offset)
-            self.settled = accepted.agrees
+            self.settled = accepted.agrees or accepted.grows
         elapsed = now - self._corrected
         if elapsed < STEP_S or not self.settled:
             return
@@ -221,21 +239,33 @@ class SenderClock:
         self._earliest = self._floor if on_time else min(self._earliest - UNSEEN_DRIFT * elapsed, self._offset)
 
     def _propose(self, now: float, offset: float) -> bool:
-        """Add an arrival to the candidate; True when it completes an agreement, and is not before its offset."""
-        candidate = self._candidate
-        silence = math.inf if candidate is None else now - candidate.end
-        if candidate is None or silence > CANDIDATE_SILENCE_S or (silence > REPLACEABLE_S and not candidate.fits(offset)):
-            candidate = self._candidate = _Offset(now, offset)
-        elif candidate.fits(offset):
-            candidate.add(now, offset)
-        else:
+        """Add an arrival to the candidates; True when it completes an agreement, and is not before its offset."""
+        candidate = self._candidate(now, offset)
+        if candidate is None:
             return False
         if self._accepted is not None:
-            if not candidate.agrees or candidate.count(now) <= MAJORITY * self._accepted.count(now):
+            others, count = self._accepted.count(now), candidate.count(now)
+            most = max(other.count(now) for other in self._candidates)
+            if not (candidate.agrees and count >= most and count > MAJORITY * others):
                 return False
             self.restarts += self.settled
             self.settled = True
-        self._accepted, self._candidate, self._order = candidate, None, Order()
-        self._offset = self._floor = self._earliest = self._low = candidate.quantile(0)
+        self._accepted, self._candidates, self._order = candidate, [], Order()
+        self._offset = self._floor = self._earliest = self._low = candidate.settle()
         self._newest, self._corrected = -math.inf, now
         return offset >= self._offset - self._early
+
+    def _candidate(self, now: float, offset: float) -> _Offset | None:
+        """The candidate that an arrival joins or begins, None when there is no place for another."""
+        self._candidates = [other for other in self._candidates if other.end >= now - CANDIDATE_SILENCE_S]
+        joined = next((candidate for candidate in self._candidates if candidate.fits(offset)), None)
+        if joined is not None:
+            joined.add(now, offset)
+            return joined
+        if len(self._candidates) >= MOST_CANDIDATES:
+            silent = [other for other in self._candidates if other.end < now - REPLACEABLE_S]
+            if not silent:
+                return None
+            self._candidates.remove(min(silent, key=lambda other: other.count(now)))
+        self._candidates.append(_Offset(now, offset))
+        return self._candidates[-1]

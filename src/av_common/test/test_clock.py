@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from av_common.clock import SenderClock
@@ -137,12 +137,13 @@ def test_an_intruder_with_the_senders_address_moves_nothing(rng, kind, rate):
 
 
 @pytest.mark.parametrize('rate', [100, 2000])
-def test_a_flood_of_rising_stamps_moves_nothing(rng, rate):
-    sent = stream(rng, seconds=8.0)
+def test_a_flood_of_rising_stamps_moves_nothing_and_hides_no_restart(rng, rate):
+    sent = stream(rng, seconds=8.0, clock=lambda true: true if true < 5.0 else true - 5.0)
     times = np.sort(rng.uniform(1.5, 8.0, 6 * rate))
     sent += [Sent(true, 0.4 * number, true, genuine=False) for number, true in enumerate(times)]
     clock = date(sent)
-    assert most_error(sent) < MOST_ERROR and share(sent, begin=1.2) > 0.99 and clock.restarts == 0
+    assert most_error(sent) < MOST_ERROR and share(sent, begin=1.2, end=5.0) > 0.99
+    assert share(sent, begin=5.0 + REDATED) > 0.99 and clock.restarts == 1
 
 
 def test_a_restarted_sender_is_followed_after_a_second_and_not_by_one_stamp(rng):
@@ -197,6 +198,29 @@ def test_a_jump_during_a_stop_is_followed_in_spite_of_the_burst(rng, length):
     assert most_error([one for one in sent if one.true >= 3.0 + length]) < MOST_ERROR
 
 
+def test_clocks_that_an_intruder_invents_hide_no_restart(rng):
+    """Every 50 ms a burst of stamps for each of 40 clocks, at the sender's address."""
+    sent = stream(rng, seconds=8.0, clock=lambda true: 5.0 + true if true < 3.0 else true - 3.0)
+    sent += [Sent(true, 100.0 * number + true, true + 1e-4 * number + 0.006 * pair, genuine=False)
+             for true in np.arange(1.5, 8.0, 0.4) for number in range(40) for pair in range(2)]
+    date(sent)
+    assert most_error(sent) < MOST_ERROR and share(sent, begin=1.2, end=3.0) > 0.99
+    assert share(sent, begin=3.0 + REDATED) > 0.99
+
+
+@pytest.mark.parametrize('ahead', [0.02, 0.04, 0.08])
+def test_an_intruder_close_to_a_sender_that_restarts_does_not_become_it(rng, ahead):
+    """It sends 40 stamps for 100 of the sender, slightly ahead of it, so that they could be of one clock."""
+    def clock(true):
+        return 5.0 + true if true < 3.0 else true - 3.0
+
+    sent = stream(rng, seconds=8.0, clock=clock)
+    sent += [Sent(true, clock(true) + ahead, true + 0.001, genuine=False) for true in np.sort(rng.uniform(1.5, 8.0, 260))]
+    date(sent)
+    assert most_error(sent) < MOST_ERROR and share(sent, begin=3.0 + REDATED) > 0.95
+    assert np.mean([one.dated is None for one in sent if not one.genuine]) > 0.9
+
+
 @pytest.mark.parametrize('jump', [-0.03, -0.05, -0.09])
 @pytest.mark.parametrize('jitter', [0.002, 0.005, 0.01])
 def test_a_small_step_back_is_no_reordering_however_much_delays_vary(rng, jump, jitter):
@@ -211,9 +235,11 @@ def test_a_small_step_back_is_no_reordering_however_much_delays_vary(rng, jump, 
 
 @settings(max_examples=25, deadline=None)
 @given(jumps=st.lists(st.tuples(st.floats(1.5, 9.0), st.floats(-1.0, 4.0), st.sampled_from([-1.0, 1.0])), max_size=4),
-       drift=st.floats(-500e-6, 500e-6), loss=st.floats(0.0, 0.3), seed=st.integers(0, 2**31))
-def test_no_history_misdates_a_stamp(jumps, drift, loss, seed):
-    """Several jumps of 0.1 to 10,000 s, drift and losses."""
+       drift=st.floats(-500e-6, 500e-6), loss=st.floats(0.0, 0.3), walk=st.one_of(st.none(), st.floats(-2.0, 1.0)),
+       seed=st.integers(0, 2**31))
+@example(jumps=[(5.2578125, 0.0, 1.0)], drift=0.0, loss=0.0, walk=-2.0, seed=78)    # the intruder completes an agreement
+def test_no_history_misdates_a_stamp(jumps, drift, loss, walk, seed):
+    """Several jumps of 0.1 to 10,000 s, drift, losses, and an intruder whose clock walks away from the sender's."""
     rng, jumps = np.random.default_rng(seed), sorted(jumps)
 
     def clock(true):
@@ -223,6 +249,9 @@ def test_no_history_misdates_a_stamp(jumps, drift, loss, seed):
              for n in range(len(jumps) + 1) for m in range(n)]
     assume(all(not -1.0 <= change < 0.02 for change in whole))    # a return by less than a second looks like a delay
     sent = [one for one in stream(rng, seconds=11.0, clock=clock, jitter=0.001) if rng.random() >= loss]
+    if walk is not None:
+        sent += [Sent(one.true, clock(one.true) + 10.0**walk * (one.true - 1.2), one.arrival + rng.exponential(0.001), False)
+                 for one in list(sent) if one.true > 1.2 and rng.random() < 0.4]
     date(sent)
     assert most_error([one for one in sent if one.true > 0.1]) < MOST_ERROR
 
