@@ -74,9 +74,9 @@ class Rig:
     def publish(self, node, message):
         """Send a frame to a doa_node, and wait until that has processed it."""
         self.spin(lambda: self.frames.get_subscription_count() >= 2)  # the recorder's and the node's
-        before = node._frames.count
+        published = time.monotonic()
         self.frames.publish(message)
-        self.spin(lambda: node._frames.count > before)
+        self.spin(lambda: node._frames.age < time.monotonic() - published)
 
     def wait_for_status(self, words, level):
         """Wait until a diagnostic status of this level contains these words."""
