@@ -16,16 +16,21 @@ class RateMeter:
 
     Times are those of arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look new.
 
+    Attributes:
+        count: number of all events.
+
     Parameters:
         now: function that returns the time in s.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self.count = 0
         self._now = now
         self._arrivals: deque[float] = deque()
 
     def tick(self) -> None:
         """Count an event that happens now."""
+        self.count += 1
         self._arrivals.append(self._now())
         self._forget()
 
