@@ -149,7 +149,7 @@ def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):
     monkeypatch.setattr(ego_noise, 'RECORDING_S', 4.0)
     monkeypatch.setattr(ego_noise, 'LATER_S', 4.0)
     monkeypatch.setattr(ego_noise, 'LEVELS_DB', {2: (10.0,)})
-    monkeypatch.setattr(ego_noise, 'PEERS', {'SRP-PHAT': lambda window: (np.zeros(1), np.nan, 0.0)})
+    monkeypatch.setattr(ego_noise, 'PEERS', dict.fromkeys(('SRP-PHAT', 'MUSIC'), lambda window: (np.zeros(1), np.nan, 0.0)))
     shares = {figure.name: figure.value for figure in ego_noise.ego_noise(16, {'rotors': rotors}, rigs=2)}
     title = '2 microphones, own noise +10 dB, '
     assert shares[f'{title}recording, music: beyond 20 deg'] == 0.0 < shares[f'{title}no recording: beyond 20 deg']

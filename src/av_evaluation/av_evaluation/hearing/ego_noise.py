@@ -96,7 +96,7 @@ def methods(rig: Rig) -> dict[str, Locate]:
         'no recording': ours(Localizer(rig.array, RATE, SETTINGS['ml'])),
         'recording': ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
         'recording, music': ours(Localizer(rig.array, RATE, SETTINGS['music'], rig.recording)),
-        'SRP-PHAT': PEERS['SRP-PHAT'],
+        **{name: PEERS[name] for name in ('SRP-PHAT', 'MUSIC')},
         'whitened SRP': Srp(rig.array, RATE, angles_to_direction(azimuths(rig.array.channels)), rig.recording).locate}
 
 

@@ -164,4 +164,3 @@ def _ours(localizer: Localizer, frame: Frame) -> tuple[float, bool]:
     directions = angles_to_direction(estimate.azimuth, estimate.elevation)
     error = np.degrees(np.min(angles_between(directions, frame.direction), initial=np.pi))
     return float(error), bool(np.any(estimate.confidence >= CONFIDENCE_THRESHOLD))
-

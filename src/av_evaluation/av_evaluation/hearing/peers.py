@@ -1,8 +1,8 @@
-"""Methods of others on one window: GCC-PHAT, SRP-PHAT of pyroomacoustics, and SRP of our own, also whitened."""
+"""Methods of others on one window: GCC-PHAT, SRP-PHAT and MUSIC of pyroomacoustics, and SRP of our own, also whitened."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -33,18 +33,25 @@ def gcc_phat(window: Window) -> Found:
     return mirrored(array, folded(array, delay * C / array.aperture))
 
 
-def srp_phat(window: Window) -> Found:
-    """SRP-PHAT of pyroomacoustics in the full band, on a grid of one degree. Raises ImportError without pyroomacoustics."""
+def of_library(method: str, window: Window) -> Found:
+    """A method of pyroomacoustics in the full band, on a grid of one degree.
+
+    Parameters:
+        method: 'SRP' or 'MUSIC'.
+        window: the sound.
+
+    Raises ImportError without pyroomacoustics.
+    """
     import pyroomacoustics
     sound, rate, array, _ = window
-    algorithm = _algorithm(array.positions[:, :2].tobytes(), array.channels, rate)
+    algorithm = _algorithm(method, array.positions[:, :2].tobytes(), array.channels, rate)
     frames = pyroomacoustics.transform.stft.analysis(sound.astype(float), algorithm.nfft, algorithm.nfft // 2)
     algorithm.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=[FULL_HZ[0], FULL_HZ[1] * rate])
     azimuth = float(algorithm.azimuth_recon[0])
     return mirrored(array, folded(array, float(np.sin(azimuth))) if array.rank == 1 else azimuth)
 
 
-PEERS: dict[str, Locate] = {'GCC-PHAT': gcc_phat, 'SRP-PHAT': srp_phat}
+PEERS: dict[str, Locate] = {'GCC-PHAT': gcc_phat, 'SRP-PHAT': partial(of_library, 'SRP'), 'MUSIC': partial(of_library, 'MUSIC')}
 
 
 def mirrored(array: MicrophoneArray, azimuth: float) -> Found:
@@ -59,9 +66,9 @@ def folded(array: MicrophoneArray, q: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _algorithm(places: bytes, channels: int, rate: int) -> Any:
+def _algorithm(method: str, places: bytes, channels: int, rate: int) -> Any:
     import pyroomacoustics
-    return pyroomacoustics.doa.algorithms['SRP'](
+    return pyroomacoustics.doa.algorithms[method](
         np.frombuffer(places).reshape(channels, 2).T, rate, 512 if rate < 32_000 else 1024, c=C, num_src=1,
         azimuth=azimuths(channels))
 

@@ -96,7 +96,8 @@ def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
     rng = np.random.default_rng(63)
     methods: dict[str, Locate] = {method: partial(_localize, settings) for method, settings in SETTINGS.items()}
-    results = compare((field(rng, window_s, snr_db) for _ in range(count)), {**methods, **PEERS})
+    methods |= {method: PEERS[method] for method in ('GCC-PHAT', 'SRP-PHAT')}
+    results = compare((field(rng, window_s, snr_db) for _ in range(count)), methods)
     for method, result in results.items():
         yield from error_figures(f'{name}, {method}', result, {'of those beyond 20 deg': 3.0} if method == 'default' else {})
     default = results['default']
