@@ -350,4 +350,3 @@ def _usable(kind: str, text: MessageDefinition) -> MessageDefinition | None:
     except Exception:  # noqa: BLE001  rosbags raises any type
         return None
     return usable if any(name != NO_FIELD for name, _ in fields) else None    # else comments only
-

@@ -18,6 +18,7 @@ from av_evaluation.metrics.metrics import errors_of
 from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
+MOST_BYTES = 1_000_000_000    # of a kept result, decompressed
 ARRAY = 'array'     # stands in the JSON of a kept result for an array, with its name
 
 
@@ -96,7 +97,7 @@ class RunResult:
 
     @classmethod
     def load(cls, folder: Path, name: str, key: str) -> RunResult | None:
-        """Read a result; None where there is none, or its file is incomplete.
+        """Read a result; None where there is none, or its file is incomplete or larger than any result.
 
         Parameters:
             folder: to which it was saved.
@@ -105,6 +106,8 @@ class RunResult:
         """
         try:
             with np.load(folder / f'{name}-{key}.npz') as kept:
+                if sum(entry.file_size for entry in kept.zip.infolist()) > MOST_BYTES:
+                    return None
                 values = json.loads(str(kept['words']), object_hook=lambda part: kept[part[ARRAY]] if ARRAY in part else part)
             values['methods'] = {method: MethodResult(**each) for method, each in values['methods'].items()}
             return cls(**values)

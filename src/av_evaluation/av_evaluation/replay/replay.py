@@ -308,4 +308,3 @@ class Replay:
             if count:
                 self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "
                            f"before the bag's time, or {FUTURE_S:g} s after it")
-
