@@ -14,6 +14,7 @@ ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          
 from __future__ import annotations
 
 import importlib.util
+import math
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -24,7 +25,9 @@ from av_bringup.launching import (
     CONFIG,
     RIG_ARGUMENTS,
     Arguments,
+    LaunchedNode,
     MissingPackageError,
+    array_file,
     audio_node,
     camera_nodes,
     describe,
@@ -41,6 +44,8 @@ from av_bringup.launching import (
 )
 from av_bringup.supervision import RESPAWN, Supervision
 from av_common.launched import RUN_FOLDER
+from av_common.microphone_array import MicrophoneArray
+from av_common.parameter_files import parameters_for
 from av_common.playback import Player, plan_playback
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
@@ -107,6 +112,9 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         if arguments[name] and not named and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     check_source(arguments)
+    if arguments['model'] not in ('', 'shipped'):
+        from av_vision.methods import is_model_file
+        is_model_file(arguments['model'])
     described = described_rig(arguments)
     arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
@@ -152,24 +160,41 @@ def described_rig(arguments: Arguments) -> str:
 def simulator(arguments: Arguments) -> list[ExecuteProcess]:
     """The built-in simulator, a program without ROS, and the bridge to it."""
     require('source:=sim', 'av_simulator', 'av_sim_bridge')
+    for name, expected in {'image_rate': 'images a second', 'seed': 'a number', 'begin': 'a Unix time in seconds'}.items():
+        if arguments[name]:
+            number(arguments, name, f'{expected}, 0 or more', 0.0)
     program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     options += ['--renderer', arguments['renderer'] or ('flat' if arguments['oracle'] == 'true' else 'scene')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
-    options += ['--at', *arguments['at'].split()] if arguments['at'] else []
+    if arguments['at']:
+        options += ['--at', *place(arguments['at'])]
     for name in ('image_rate', 'drone_recording', 'seed', 'begin'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen', **RESPAWN),
             *bridge(arguments)]
 
 
+def place(given: str) -> list[str]:
+    """The four numbers of `at`. Raises ValueError for anything else."""
+    numbers = given.split()
+    try:
+        fits = len(numbers) == 4 and all(math.isfinite(float(one)) for one in numbers)
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ValueError(f"at is '{given}', expected x y z (m, ENU) and yaw (deg)")
+    return numbers
+
+
 def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     """The bridge from a simulator's UDP streams, and the detector unless the oracle stands in for it."""
     require(f'source:={arguments["source"]}', 'av_sim_bridge')
-    oracle = arguments['oracle'] == 'true'
+    from av_sim_bridge.wire.ports import Ports  # only where the bridge is installed
+    oracle, ports = arguments['oracle'] == 'true', vars(Ports()).values()
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': oracle,
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
-                  'port_offset': whole_number(arguments, 'port_offset')}
+                  'port_offset': whole_number(arguments, 'port_offset', 1 - min(ports), 65_535 - max(ports))}
     if arguments['source'] == 'udp':    # the built-in simulator is on this machine
         parameters |= {'bind_address': arguments['bind_address'], 'control_host': arguments['control_host']}
         if arguments['allowed_senders']:
@@ -179,21 +204,45 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
 
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
-    """The nodes that play recordings at their own speed instead of microphones and camera, on one clock. Raises ValueError."""
+    """The nodes that play recordings at their own speed instead of microphones and camera, on one clock.
+
+    Raises ValueError, OSError or SourceError for recordings that cannot be played.
+    """
     offset = number(arguments, 'video_offset', 'seconds')
     if offset and not (arguments['audio'] and arguments['video']):
         raise ValueError(f'video_offset is {offset}, expected seconds between sound and video: it needs audio:= and video:=')
-    sensors, players = [], []
+    sensors: list[LaunchedNode] = []
+    players = []
     if arguments['audio']:
         sensors.append(audio_node(arguments, {'source': 'file', 'file': arguments['audio']}))
+        check_sound(arguments, sensors[0].full_name)
         players.append(Player('audio_node', max(-offset, 0.0), ['doa_node']))
     if arguments['video']:
+        from av_vision.sources.files import Recording
+        Recording(arguments['video'])  # refused here, before anything starts
         # The recording is the first camera's.
         sensors += [camera_nodes(arguments, {'source': 'file', 'file': arguments['video']})[0],
                     detector_nodes(arguments)[0]]
         players.append(Player('camera_node', max(offset, 0.0), ['detector_node']))
     plan_playback(Path(arguments[RUN_FOLDER]), players)
     return sensors
+
+
+def check_sound(arguments: Arguments, node: str) -> None:
+    """Raise OSError or ValueError in one line for a sound file that the rig cannot hear with.
+
+    Parameters:
+        arguments: values of the launch arguments
+        node: full name of the one that plays it, which may select channels
+    """
+    from av_audio.file_source import open_sound, pick_channels  # only where recordings are played
+    array = MicrophoneArray.load(array_file(arguments))
+    given = parameters_for(arguments['params'], node) if arguments['params'] else {}
+    with open_sound(arguments['audio']) as sound:
+        count = len(pick_channels(sound.channels, [one for one in given.get('channels', []) if one >= 0], arguments['audio']))
+    if count != array.channels:
+        raise ValueError(f"{arguments['audio']} gives {count} channel(s), but the array {array.name} has {array.channels} "
+                         'microphones; choose with channels of audio_node, or another array:=')
 
 
 def hardware(arguments: Arguments) -> list[ExecuteProcess]:

@@ -8,7 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 from launch import LaunchContext
 from rig_process import RigProcess
 
@@ -43,6 +45,10 @@ def refused(launch_file, network_file, monkeypatch):
 @pytest.mark.parametrize(('network', 'arguments', 'text', 'words'), [
     (False, ['namespace:=left'], 'pointing_node: {ros__parameters: {move_body: false}}',
      'no node is /pointing_node, the nearest is /left/pointing_node'),
+    (False, [], '/**/fusion_node: {ros__parameters: {tau: 3.0}}',
+     "/**/fusion_node: Value 3.0 in parameter 'tau' must be within bounds [0.0, 1.0]"),
+    (False, [], '/**/fusion_node: {ros__parameters: {tau: high}}', "/**/fusion_node: tau is 'high', expected double"),
+    (False, [], '/**: {ros__parameters: {tau: .nan}}', '/**: tau is nan, expected a finite number'),
     (False, [], PARAMETERS, '/**/pointing_node has no parameter yaw_raet_deg, the nearest is yaw_rate_deg'),
     (True, ['rigs:=2'], '/rig3/fusion_node: {ros__parameters: {tau: 0.6}}',
      'no node is /rig3/fusion_node, the nearest is /rig'),
@@ -104,6 +110,21 @@ def test_an_argument_without_effect_stops_the_launch(refused, network, argument,
     assert words in refused(argument, network=network)
 
 
+def test_recordings_and_arrays_that_cannot_be_used_are_refused_before_anything_starts(refused, tmp_path):
+    """They were errors of nodes that tried again and again, in a launch that ended with 0."""
+    soundfile.write(tmp_path / 'mono.wav', np.zeros(48_000), 48_000)
+    (tmp_path / 'text.wav').write_text('no sound')
+    (tmp_path / 'text.mp4').write_text('no video')
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'one.yaml').write_text('microphones: [[0.0, 0.0, 0.0]]')
+    for arguments, words in {
+            'audio:={}/mono.wav': 'mono.wav gives 1 channel(s), but the array two_microphones has 2 microphones',
+            'audio:={}/text.wav': 'text.wav cannot be read', 'audio:={}/empty': 'empty is a folder, expected a file',
+            'video:={}/text.mp4': 'text.mp4 (8 bytes) cannot be opened as a video', 'video:={}/empty': 'empty holds no images',
+            'array:={}/one.yaml': 'one.yaml: microphones: expected at least two positions'}.items():
+        assert words in refused('source:=file', *arguments.format(tmp_path).split()), arguments
+
+
 def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
     file = tmp_path / 'mine.yaml'
     text = (Path(__file__).resolve().parents[1] / 'config/scenarios/circle.yaml').read_text()
@@ -116,6 +137,10 @@ def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
     ('duration:=soon', "duration is 'soon'"),
     ('duration:=-3', "duration is '-3', expected seconds"),
     ('port_offset:=2.5', "port_offset is '2.5', expected a whole number"),
+    ('port_offset:=99999', "port_offset is '99999', expected a whole number from"),
+    ('seed:=x', "seed is 'x', expected a number"), ('model:=nosuch', "model 'nosuch', expected an ONNX file or one of shipped"),
+    ('image_rate:=-3', "image_rate is '-3', expected images a second, 0 or more"), ('at:=1 2', "at is '1 2', expected x y z"),
+    ('begin:=nan', "begin is 'nan', expected a Unix time"),
     ('out:=/proc/results', 'out:=/proc/results cannot be made'),
     ('track_log:=/proc/tracks', 'track_log:=/proc/tracks cannot be made'),
     ('view_control:=true', 'view_control:=true needs view:=true'),

@@ -7,6 +7,7 @@ import os
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import soundfile
@@ -62,6 +63,8 @@ def test_the_first_run(tmp_path):
     assert 'Score of a detection' in found(typed('first_run.md', 'param describe'), tmp_path, **domain)
     assert rig.finish() == 0, rig.output
     assert not rig.leftovers()
+    tracked = re.findall(r'deg \+- .*', rig.output)
+    assert sum('| truth' in line for line in tracked) > 0.8 * len(tracked), rig.output
     assert (tmp_path / 'results/demo/bearing.png').stat().st_size > 20_000
     skip_figures_where_overloaded()    # without gaps on any machine: test_offline_run.py
     assert rig.value('coverage') > 90.0, rig.output
@@ -94,8 +97,10 @@ def test_a_recording_is_replayed_and_compared(launch_file, replay_file, tmp_path
     assert 'coverage' in run(typed('own_recording.md', 'replay their.mcap'), tmp_path)
     monkeypatch.chdir(tmp_path)
     assert '/player_node' in planned(replay_file, typed('own_recording.md', 'only:=raw rate:=2'))
-    for name in ('drone.wav', 'drone.mp4'):
-        Path(name).touch()
+    soundfile.write('drone.wav', np.zeros((4800, 2)), 48_000)
+    video = cv2.VideoWriter('drone.mp4', cv2.VideoWriter.fourcc(*'mp4v'), 15.0, (64, 48))
+    video.write(np.zeros((48, 64, 3), np.uint8))
+    video.release()
     assert '/camera_node' in planned(launch_file, typed('own_recording.md', 'source:=file'))
 
 

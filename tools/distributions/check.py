@@ -38,8 +38,7 @@ MOST_SHOWN = 10
 ROS = ('ament_index_python', 'av_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'diagnostic_updater',
        'generate_parameter_library_py', 'geometry_msgs', 'launch', 'launch_ros', 'lifecycle_msgs', 'mcap_ros2', 'nav_msgs',
        'px4_msgs', 'rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'rosidl_runtime_py', 'sensor_msgs', 'std_msgs', 'std_srvs',
-       'tf2_msgs', 'tf2_ros', 'vision_msgs', 'visualization_msgs', 'audio_common_msgs', 'sapient_msg', 'google',
-       'stonesoup')
+       'tf2_msgs', 'tf2_ros', 'vision_msgs', 'visualization_msgs', 'audio_common_msgs', 'sapient_msg', 'google')
 
 
 class Anything(type):

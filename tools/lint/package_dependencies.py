@@ -24,7 +24,7 @@ KEYS = {
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'audio_common_msgs', 'google', 'lz4', 'onnx',
-            'pyroomacoustics', 'px4_msgs', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools',
+            'pyroomacoustics', 'px4_msgs', 'sapient_msg', 'setuptools',
             'websockets', 'zenoh'}
 # Dependencies of a package without an import.
 IMPLICIT = {

@@ -79,6 +79,9 @@ def test_localize_names_what_does_not_fit(from_30_degrees, array_file, tmp_path)
     (tmp_path / 'text.wav').write_text('no sound')
     with pytest.raises(SystemExit, match=r'text\.wav'):
         localize.main([str(tmp_path / 'text.wav'), '--array', str(array_file)])
+    soundfile.write(tmp_path / 'nan.wav', np.full((RATE, 2), np.nan), RATE, subtype='FLOAT')
+    with pytest.raises(SystemExit, match=r'nan\.wav has no window of 0\.5 s whose samples are all finite'):
+        localize.main([str(tmp_path / 'nan.wav'), '--array', str(array_file)])
 
 
 @pytest.mark.filterwarnings('error')

@@ -38,6 +38,7 @@ from av_bringup.security.keystore import check_enclave
 from av_bringup.supervision import RESPAWN
 from av_common.files import nearest
 from av_common.launched import RUN_FOLDER
+from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file
 from av_common.rig import load_rig
 
@@ -301,7 +302,7 @@ def monitor_nodes(arguments: Arguments, duration: float = 0.0) -> list[Node]:
                      output='screen', sigterm_timeout='20', respawn=False)]
 
 
-def audio_node(arguments: Arguments, parameters: dict) -> Node:
+def audio_node(arguments: Arguments, parameters: dict) -> LaunchedNode:
     """The sound of the rig's microphones, in the frame of its description.
 
     Parameters:
@@ -312,12 +313,18 @@ def audio_node(arguments: Arguments, parameters: dict) -> Node:
 
 
 def doa_node(arguments: Arguments) -> Node:
-    """Direction of arrival, with the array file of the argument `array` or of the rig's description."""
-    array = arguments['array'] or str(load_rig(arguments['rig']).array.file)
+    """Direction of arrival. Raises ValueError or OSError for an array file that cannot be used."""
+    array = array_file(arguments)
+    MicrophoneArray.load(array)
     return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array})
 
 
-def detector_nodes(arguments: Arguments) -> list[Node]:
+def array_file(arguments: Arguments) -> str:
+    """The array file of the argument `array`, or of the rig's description."""
+    return arguments['array'] or str(load_rig(arguments['rig']).array.file)
+
+
+def detector_nodes(arguments: Arguments) -> list[LaunchedNode]:
     """A detector for each camera of the rig: the first with the model given, others with the shipped one of their kind."""
     model = '' if arguments['model'] == 'shipped' else arguments['model']
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
@@ -327,7 +334,7 @@ def detector_nodes(arguments: Arguments) -> list[Node]:
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 
-def camera_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+def camera_nodes(arguments: Arguments, parameters: dict) -> list[LaunchedNode]:
     """The node of each camera of the rig, with the size and the field of view of its description.
 
     Parameters:
@@ -342,7 +349,7 @@ def camera_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 
-def camera_node(arguments: Arguments, executable: str, camera: str, parameters: dict) -> Node:
+def camera_node(arguments: Arguments, executable: str, camera: str, parameters: dict) -> LaunchedNode:
     """A node of one of the rig's cameras: of the second one, its name and all topics but the body's begin with the camera's.
 
     Parameters:

@@ -22,10 +22,12 @@ class Methods:
     Parameters:
         group: of entry points.
         own: the suite's own methods by name, as 'module:attribute'.
+        parameter: by which users name one.
+        others: what else may be named there, such as a file.
     """
 
-    def __init__(self, group: str, own: Mapping[str, str]) -> None:
-        self.group, self._own = group, dict(own)
+    def __init__(self, group: str, own: Mapping[str, str], parameter: str = 'method', others: str = '') -> None:
+        self.group, self._own, self._parameter, self._others = group, dict(own), parameter, others
 
     @cached_property
     def _places(self) -> dict[str, str]:
@@ -55,8 +57,8 @@ class Methods:
     def check(self, name: str) -> None:
         """Raises ValueError for an unknown name, with those that are installed."""
         if name not in self._places:
-            raise ValueError(f'method {name!r}, expected one of {", ".join(self.names)}; others are found as entry points '
-                             f'{self.group} of installed packages')
+            raise ValueError(f'{self._parameter} {name!r}, expected {self._others}one of {", ".join(self.names)}; others are '
+                             f'found as entry points {self.group} of installed packages')
 
     def code(self, name: str) -> str:
         """Digest of the files of the distribution that offers a method; empty for an unknown name.

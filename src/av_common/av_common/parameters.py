@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec, module_from_spec
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from rclpy.exceptions import ParameterException
@@ -48,7 +48,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
         node_class.check_parameters(parameters)
     except (ParameterException, ValueError) as error:
         named = sorted({file for name, file in files.items() if re.search(rf'\b{re.escape(name)}\b', str(error))})
-        raise ValueError(f'{"".join(named)}{node}: {error}') from error
+        raise ValueError(f'{"".join(named)}{node}: {_reason(error)}') from error
     return parameters
 
 
@@ -60,7 +60,7 @@ QOS_OVERRIDES = 'qos_overrides.'    # rclpy's, of any topic
 
 
 def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
-    """Raise ValueError for sections of a file that are for none of the nodes, and for names that their nodes do not have.
+    """Raise ValueError for sections of a file that are for none of the nodes, and names or values that their nodes refuse.
 
     A section of another node of the suite is none of these mistakes; the result tells of it. Raises as `sections_of`, too.
 
@@ -79,7 +79,13 @@ def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
             mistakes.append(f'no node is {path or "without a name"}, the nearest is {_meant_by(path, nodes)}')
             continue
         programs = {modules[node.rpartition('/')[2]] for node in meant}
-        known = {name for module in programs for name in parameter_names(module)}
+        known: set[str] = set()
+        for module in programs:
+            try:
+                known |= parameter_names(module, parameters)
+            except (ParameterException, ValueError) as error:
+                mistakes.append(f'{path}: {_reason(error)}')
+                known |= parameter_names(module)
         for name in parameters:
             if name not in known and not name.startswith(QOS_OVERRIDES):
                 mistakes.append(f'{path} has no parameter {name}, the nearest is {nearest(name, known)}')
@@ -94,17 +100,25 @@ def node_modules() -> dict[str, str]:
             if program.module.startswith('av_') and NODES in program.module}
 
 
-def parameter_names(module: str) -> frozenset[str]:
+def parameter_names(module: str, given: Mapping[str, Any] = MappingProxyType({})) -> frozenset[str]:
     """The names of a node's parameters, those of all nodes among them.
 
     Parameters:
         module: of the node, which is not imported: some take seconds.
+        given: values by names.
+
+    Raises rclpy's ParameterException or ValueError for a value of another type or out of its bounds.
     """
     name = module.rpartition('.')[2]
-    declarations = _Declarations({})
+    declarations = _Declarations(given)
     with suppress(ModuleNotFoundError):    # a node without parameters of its own
         getattr(_own_module(f'{module}_parameters'), name).ParamListener(declarations)
     return declarations.names | frozenset(COMMON)
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong with a value, without what rclpy says around it."""
+    return re.sub(r'^.*Invalid value set during initialization for parameter \S+: (.*?)(: \S+)?$', r'\1', str(error))
 
 
 def _meant_by(path: str, nodes: Collection[str]) -> str:

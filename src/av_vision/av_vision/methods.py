@@ -17,7 +17,7 @@ from av_vision.image import to_bgr8
 from av_vision.yolo.detector import Detector, DetectorSettings
 from av_vision.yolo.letterbox import Region
 
-DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:make_detector'})
+DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:make_detector'}, 'model', 'an ONNX file or ')
 # Boxes (n, 4) as x1, y1, x2, y2 in pixels and scores (n,) of 0 to 1, of an image (height, width, 3), BGR.
 ImageMethod = Callable[[NDArray[np.uint8]], tuple[Any, Any]]
 

@@ -13,7 +13,7 @@ from av_vision.yolo.detector import DetectorSettings
 def test_what_names_neither_a_file_nor_a_detector_is_refused_with_those_installed(name, tmp_path, monkeypatch):
     """Whatever the file system says to it: folders, names that no file can have."""
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match='expected one of shipped'):
+    with pytest.raises(ValueError, match='^model .*, expected an ONNX file or one of shipped'):
         is_model_file(name)
 
 

@@ -38,8 +38,6 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time between estimates in s (default: %(default)s)')
     parser.add_argument('--band', type=float, nargs=2, default=defaults.band_hz, metavar=('LOW', 'HIGH'),
                         help='edges of the band-pass filter in Hz (default: %(default)s)')
-    parser.add_argument('--wideband', action=argparse.BooleanOptionalAction, default=defaults.wideband,
-                        help='phases above the band, for the method ml (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
     parser.add_argument('--ego-noise', metavar='FILE', help='sound file of the rig alone, whose noise is whitened')
@@ -48,7 +46,7 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
     """Settings from the options of `add_localizer_arguments`. Raises ValueError."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
-                             method=arguments.method, wideband=arguments.wideband, temperature_c=arguments.temperature)
+                             method=arguments.method, temperature_c=arguments.temperature)
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
@@ -77,11 +75,13 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
             noise = noise._replace(samples=noise.samples[:, pick_channels(noise.samples.shape[1], channels, noise.name)])
         stage = DoaStage(array, settings, noise)
         spacing = SpacingCheck(array, file.samplerate, speed_of_sound(settings.temperature_c))
-        first_sample = 0
+        first_sample = windows = 0
         for whole in blocks_of(file, max(1, file.samplerate // 20)):
             block = whole[:, picked]
             spacing.add(block)
-            yield from stage.estimates(audio_frame(block, first_sample, file.samplerate, Header()))
+            estimates = stage.estimates(audio_frame(block, first_sample, file.samplerate, Header()))
+            yield from estimates
+            windows += len(estimates)
             first_sample += len(block)
             if progress:
                 end = '\n' if first_sample >= file.frames else ''
@@ -90,6 +90,8 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         if heard < settings.window_s:
             raise ValueError(f'{path} lasts {heard:.3f} s, less than one window of {settings.window_s:g} s; '
                              'choose with --window')
+        if not windows:
+            raise ValueError(f'{path} has no window of {settings.window_s:g} s whose samples are all finite numbers')
         if problem := spacing.problem():
             raise ValueError(f'{path} does not fit the array {array.name}: {problem}')
         stated = file.frames if file.frames != FRAMES_UNKNOWN else first_sample

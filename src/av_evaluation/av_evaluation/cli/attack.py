@@ -22,11 +22,12 @@ from itertools import count
 from multiprocessing.managers import RemoteError
 from pathlib import Path
 
+from av_common.arguments import positive
 from av_evaluation.attack.judges import Findings
 from av_evaluation.attack.messages import messages_beside
 from av_evaluation.attack.observer import Observer
 from av_evaluation.processes import MarkedProcesses, launched_rig, slowdown
-from av_simulator.cli.arguments import positive
+from av_simulator.cli.arguments import port_offset
 
 KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
@@ -300,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--only', action='append', default=[], choices=KINDS, metavar='ATTACK',
                         help=f'one kind of attack, may be repeated: {", ".join(KINDS)}')
     parser.add_argument('--out', type=Path, help='folder for all figures and what the rig prints')
-    parser.add_argument('--port-offset', type=int, default=0, help='of the UDP ports, beside another rig')
+    parser.add_argument('--port-offset', type=port_offset, default=0, help='of the UDP ports, beside another rig')
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     options.out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from av_common.arguments import not_negative, number
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
 from av_evaluation.metrics.comparison import sigma_by_sensor, write_report
 from av_evaluation.metrics.results import RunResult, metrics_of
@@ -82,15 +83,15 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='evaluate', description=__doc__)
     add = parser.add_argument
     add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
-    add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
+    add('--seeds', type=number, default=3, help='runs of each scenario (%(default)s)')
     add('--methods', nargs='+', metavar='METHOD', default=list(METHODS),
         help=f'to evaluate (default: those of the publication and ours): {", ".join(known_methods())}')
-    add('--duration', type=float, default=0.0, help='of each run in s; 0: that of the scenario or bag')
+    add('--duration', type=not_negative, default=0.0, help='of each run in s; 0: that of the scenario or bag')
     add('--model', default='', help="a detector's ONNX file, 'shipped', or a detector of another package; without it scenarios "
         'have the shipped one, and bags their recorded detections')
     add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
-    add('--max-sources', type=int, default=Case.max_sources, metavar='N',
+    add('--max-sources', type=int, choices=range(1, 5), default=Case.max_sources, metavar='N',
         help='scenarios: directions in one window of sound, 1 to 4 (%(default)s, as doa_node)')
     add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
     add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')

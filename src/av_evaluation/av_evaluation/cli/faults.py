@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from av_common.arguments import not_negative, whole
 from av_evaluation.faults.faulty_rig import Faults
 from av_evaluation.faults.matrix import Told, cases, faultless, named, scenarios, title, try_fault
 from av_evaluation.runs.program import Progress
@@ -24,13 +25,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the table and faultless hours; exits with 1 where a wrong name was certain, or a faultless rig surely wrong."""
     parser = argparse.ArgumentParser(prog='faults', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='single faults, one run each: about a minute')
-    parser.add_argument('--seeds', type=int, default=5, help='runs of each fault (%(default)s); 0: faultless hours only')
+    parser.add_argument('--seeds', type=whole, default=5, help='runs of each fault (%(default)s); 0: faultless hours only')
     parser.add_argument('--array', choices=('pair', 'square'), default='pair', help='microphones (%(default)s)')
-    parser.add_argument('--hours', type=float, default=0.5, help='of faultless runs, all scenarios by measurements that are '
-                        'drawn instead of rendered (%(default)g; ten take some minutes)')
+    parser.add_argument('--hours', type=not_negative, default=0.5, help='of faultless runs, all scenarios by measurements '
+                        'that are drawn instead of rendered (%(default)g; ten take some minutes)')
     options = parser.parse_args(arguments)
-    if min(options.seeds, options.hours, 1000.0 - options.hours) < 0:
-        parser.error('expected seeds from 0, and up to 1000 hours')
+    if options.hours > 1000.0:
+        parser.error(f"argument --hours: '{options.hours:g}', expected up to 1000 hours")
     seeds = range(min(options.seeds, 1) if options.quick else options.seeds)
     faults = list(cases(options.array, options.quick)) if seeds else []
     told = _each(partial(try_fault, seconds=SECONDS, array=options.array), [(one, seed) for one in faults for seed in seeds])

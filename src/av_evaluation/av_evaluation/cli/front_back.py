@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from av_common.angles import wrap
+from av_common.arguments import number, whole
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
@@ -171,8 +172,8 @@ def _missed(figures: dict[str, dict[str, float]]) -> list[str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='front_back', description=__doc__)
-    parser.add_argument('--starts', type=int, default=200, help='number of starts (%(default)s)')
-    parser.add_argument('--seed', type=int, default=1, help='of the starts (%(default)s)')
+    parser.add_argument('--starts', type=number, default=200, help='number of starts (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=1, help='of the starts (%(default)s)')
     parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
     parser.add_argument('--ears', action='store_true', help='at a head amid strong reflections')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'), help='recordings for --ears (%(default)s)')

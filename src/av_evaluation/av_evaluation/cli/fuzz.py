@@ -26,6 +26,7 @@ from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
+from av_common.arguments import number, whole
 from av_common.frames import attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, Instant
 from av_common.parameters import node_parameters
@@ -229,12 +230,10 @@ def faults(first: int, count: int, messages: int) -> dict[int, str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sequences and print those that broke a promise, with the seeds that repeat them; Ctrl-C ends it early."""
     parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
-    parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
-    parser.add_argument('--seed', type=int, default=0, help='of the first sequence (%(default)s)')
-    parser.add_argument('--processes', type=int, default=os.cpu_count() or 1, help='at a time (%(default)s)')
+    parser.add_argument('--sequences', type=number, default=100_000, help='number of sequences (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=0, help='of the first sequence (%(default)s)')
+    parser.add_argument('--processes', type=number, default=os.cpu_count() or 1, help='at a time (%(default)s)')
     options = parser.parse_args(arguments)
-    if min(options.sequences, options.processes) < 1 or options.seed < 0:
-        parser.error('expected numbers above 0, and a seed of 0 or more')
     end = options.seed + options.sequences
     jobs = [(first, min(CHUNK, end - first), MESSAGES) for first in range(options.seed, end, CHUNK)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)

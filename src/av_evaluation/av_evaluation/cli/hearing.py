@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from av_common.arguments import number
 from av_evaluation.figures import Figure
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the figures; returns 1 when one misses its bound."""
     parser = argparse.ArgumentParser(prog='hearing', description=__doc__)
     parser.add_argument('sections', nargs='*', metavar='SECTION', help=f'of {", ".join(sections(1, Path()))} (default: all)')
-    parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
+    parser.add_argument('--trials', type=number, default=400, help='windows per figure (default: %(default)s)')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'),
                         help='folder with drone_detection and kemar (default: %(default)s)')
     parser.add_argument('--responses', type=Path, nargs='+', default=[], metavar='SOFA',

@@ -11,6 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from av_common.arguments import number, whole
+from av_common.yaml_reader import ConfigError
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
 from av_evaluation.metrics.tracks import TrackComparison
 from av_fusion.measurement.rig_motion import Pose, RigMotion
@@ -62,11 +64,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of means over the seeds."""
     parser = argparse.ArgumentParser(prog='multi_target', description=__doc__)
     parser.add_argument('scenarios', nargs='*', default=list(SCENARIOS), help=f'by default {" ".join(SCENARIOS)}')
-    parser.add_argument('--seeds', type=int, default=5, help='runs of each scenario (%(default)s)')
-    parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
+    parser.add_argument('--seeds', type=number, default=5, help='runs of each scenario (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
     parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
     options = parser.parse_args(arguments)
+    for scenario in options.scenarios:
+        try:
+            load_scenario(find_config(scenario, 'scenarios'))
+        except (ConfigError, OSError) as refusal:
+            parser.error(str(refusal))
     print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
           f'{"of a core":>11}')
     with ProcessPoolExecutor() as pool:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from av_common.arguments import number, whole
 from av_evaluation.network import cases, flights
 from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, partition_figures, run
 
@@ -144,6 +145,6 @@ def _seeds(options: argparse.Namespace) -> range:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='network', description=__doc__)
     parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
-    parser.add_argument('--seeds', type=int, default=5, help='runs of each case (%(default)s)')
-    parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
+    parser.add_argument('--seeds', type=number, default=5, help='runs of each case (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
     return parser

@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from av_common.arguments import whole
 from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import write_json
@@ -121,7 +122,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='report', description=__doc__)
     add = parser.add_argument
     add('--quick', action='store_true', help='one run of each experiment')
-    add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
+    add('--seeds', type=whole, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
     add('--methods', nargs='+', default=[], metavar='METHOD', help='methods of other packages, beside those of the publication')
     add('--model', default='', help="a detector's ONNX file, or a detector of another package, in place of the shipped one; "
         'with --quick, too, on rendered images')

@@ -24,8 +24,8 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from av_bags.reader import Bag
+from av_common.arguments import positive
 from av_evaluation.processes import MarkedProcesses, ProcessSample, launched_rig, sample
-from av_simulator.cli.arguments import positive
 
 EVERY_S = 5.0  # between samples
 RIG = ('model:=shipped', 'renderer:=flat', 'view:=true')
@@ -227,6 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if ended_early:
             output = (out / 'rig.log').read_text(errors='replace').splitlines()[-20:]
             print('soak: the rig ended before its time:', *output, sep='\n', file=sys.stderr)
+            if not histories:
+                return 2
         faults = [f'sound lost on the way to the bridge: {lost}'] if (lost := lost_sound(Path(bags) / 'soak.mcap')) else []
         if viewer is not None:
             print(f'{viewer.updates} updates of the page')

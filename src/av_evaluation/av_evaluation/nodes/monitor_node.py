@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time as wall
+from collections import deque
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from av_pointing.controller import Mode
 
 LONGEST_LOG_S = 7200.0    # of which table and plot are made
 LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
+RECENT_BEARINGS = 10    # half a second: true poses come by UDP and may be later than the bearing of their time
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their characters
 
 
@@ -53,7 +55,7 @@ class MonitorNode(RigNode):
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None
-        self._bearing: Bearing | None = None
+        self._bearings: deque[Bearing] = deque(maxlen=RECENT_BEARINGS)
         self._targets: TrackArray | None = None
         self._problems: dict[str, str] = {}
         self._reported = False
@@ -106,7 +108,7 @@ class MonitorNode(RigNode):
         track = track_of_bearing(message)
         if self._logs(message):
             self._recorder.on_track(track, self.now())
-        self._bearing = message
+        self._bearings.append(message)
 
     def _on_state(self, message: FusionState) -> None:
         self._state = message
@@ -131,16 +133,23 @@ class MonitorNode(RigNode):
 
     def _each_second(self) -> None:
         elapsed = wall.monotonic() - self._started
-        truth = delay = math.nan
-        if self._bearing is not None:
-            truth = float(self._recorder.log.newest().true_azimuth([to_seconds(self._bearing.header.stamp)])[0])
-            if self._bearing.measured.sec:
-                delay = self.now() - to_seconds(self._bearing.measured)
+        bearing, truth = self._shown()
+        measured = self._bearings[-1].measured if self._bearings else None
+        delay = self.now() - to_seconds(measured) if measured is not None and measured.sec else math.nan
         rates = {name: meter.rate if meter.age < 2.0 else 0.0 for name, meter in self._meters.items()}
-        print(format_status(elapsed, self._bearing, self._state, self._targets, self._command, truth, rates, delay,
+        print(format_status(elapsed, bearing, self._state, self._targets, self._command, truth, rates, delay,
                             self._problems), flush=True)
         if self._settings.duration and elapsed >= self._settings.duration:
             self.finish()
+
+    def _shown(self) -> tuple[Bearing | None, float]:
+        """The newest bearing of whose time the truth has come, and that (rad); NaN with the newest bearing where none has."""
+        if not self._bearings:
+            return None, math.nan
+        truths = self._recorder.log.newest().true_azimuth([to_seconds(one.header.stamp) for one in self._bearings])
+        known = [k for k, truth in enumerate(truths) if math.isfinite(truth)]
+        newest = known[-1] if known else -1
+        return self._bearings[newest], float(truths[newest])
 
     def _report(self) -> None:
         if self._reported:

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TypeVar
 
+from av_common.arguments import whole
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
@@ -105,7 +106,7 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
     """
     add = parser.add_argument
     add('--out', type=Path, required=True, help=f'folder for {written} and the result of each run')
-    add('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
+    add('--workers', type=whole, default=0, help='parallel processes; 0: one for each core')
     add('--quiet', action='store_true', help='print no progress')
 
 

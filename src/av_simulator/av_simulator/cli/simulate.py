@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from av_simulator.cli.arguments import not_negative, positive, seed
+from av_common.arguments import not_negative, positive, whole
 from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import open_world, steps
@@ -24,7 +24,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
     parser.add_argument('--out', type=Path, required=True, help='folder for the results; created if needed')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's)")
-    parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
+    parser.add_argument('--seed', type=whole, help="seed (default: the scenario's)")
     parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')

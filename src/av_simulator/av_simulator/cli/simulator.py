@@ -8,9 +8,10 @@ import signal
 import sys
 from dataclasses import asdict
 
+from av_common.arguments import not_negative, positive, whole
 from av_common.launched import report_started
 from av_sim_bridge.wire.ports import Ports
-from av_simulator.cli.arguments import not_negative, port_offset, positive, seed
+from av_simulator.cli.arguments import port_offset
 from av_simulator.config_files import find_config
 from av_simulator.run import open_world
 from av_simulator.scenario import load_scenario
@@ -31,7 +32,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                              'at the receiver, which sends them from the port of the true state)')
     parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
-    parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
+    parser.add_argument('--seed', type=whole, help="seed (default: the scenario's)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--audio-header', action='store_true',
                         help='send audio datagrams with number and time; RFlySim does not')
