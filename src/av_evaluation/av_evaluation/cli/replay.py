@@ -14,7 +14,6 @@ from av_bags.converters import FORMATS, AudioLayout
 from av_bags.reader import Bag
 from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter
-from av_common.arguments import not_negative, positive
 from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
 from av_evaluation.runs.evaluation import describe
 from av_evaluation.runs.program import Progress
@@ -41,8 +40,8 @@ def make_parser() -> argparse.ArgumentParser:
     add('--from', dest='stage', choices=STAGES, default='',
         help='compute from sound and images (raw), from directions and detections (doa), or take the recorded bearings; '
              'default: the earliest that the bag allows')
-    add('--start', type=not_negative, default=0.0, metavar='S', help='begin S seconds after the start of the bag')
-    add('--duration', type=positive, default=float('inf'), metavar='S', help='end after S seconds')
+    add('--start', type=float, default=0.0, metavar='S', help='begin S seconds after the start of the bag')
+    add('--duration', type=float, default=float('inf'), metavar='S', help='end after S seconds')
     add('--rig', default='', metavar='FILE', help="the rig's description; default: config/rig.yaml")
     add('--array', default='', metavar='FILE', help="an array file other than the rig's")
     add('--params', action='append', default=[], metavar='FILE', help="parameters as the nodes read them, on top of "
