@@ -74,7 +74,8 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     """
     kind = bag.topics[topic].kind
     if kind == names.KINDS[name][0]:
-        return {names.DOA: unjudged, names.VISIBILITY: searched}.get(name) if bag.is_older(topic) else None
+        older = {'av_interfaces/msg/DoaArray': unjudged, 'av_interfaces/msg/Visibility': searched}
+        return older.get(kind) if bag.is_older(topic) else None
     if name == names.AUDIO:
         return AudioBytes(layout or _described_layout(bag, topic))
     return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())

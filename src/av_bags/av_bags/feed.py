@@ -12,13 +12,14 @@ from av_bags import topics as names
 from av_bags.converters import AudioLayout, converter
 from av_bags.reader import Bag, Row
 from av_bags.timeline import GAP_NS, Segment
+from av_common.rig import CAMERAS, camera_topics
 
 SECOND = 10**9  # ns
 # Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
 MOST_WAITING = 100    # messages behind a stamp that may be wrong
 # Topics with stamps of the rig's clock, by which another clock is recognised.
-CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
+CLOCKED = (names.AUDIO, names.DOA, *camera_topics(CAMERAS, names.DETECTIONS), names.ODOMETRY, names.BEARING)
 # Topics with hundreds of messages a second, which rosbags decodes three times as fast as rclpy.
 FREQUENT = (names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from av_bags.definitions import BagError
 from av_bags.reader import Bag
+from av_common.rig import CAMERAS, camera_topic, camera_topics
 
 AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/camera_info'
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
@@ -16,13 +17,16 @@ GIMBAL, TARGETS, MARKS = 'gimbal/state', 'targets', 'marks'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
 # Types of each topic that can be read: the rig's own type first, then those that are converted to it.
-KINDS: dict[str, tuple[str, ...]] = {
-    AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
-    DOA: ('av_interfaces/msg/DoaArray',),
+OF_CAMERA: dict[str, tuple[str, ...]] = {
     IMAGE: ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'),
     CAMERA: ('sensor_msgs/msg/CameraInfo',),
     DETECTIONS: ('vision_msgs/msg/Detection2DArray',),
     VISIBILITY: ('av_interfaces/msg/Visibility',),
+}
+KINDS: dict[str, tuple[str, ...]] = {
+    AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
+    DOA: ('av_interfaces/msg/DoaArray',),
+    **{camera_topic(camera, name): kinds for camera in CAMERAS for name, kinds in OF_CAMERA.items()},
     ODOMETRY: (*_POSES, 'sensor_msgs/msg/Imu'),
     BEARING: ('av_interfaces/msg/Bearing',),
     STATE: ('av_interfaces/msg/FusionState',),
@@ -36,12 +40,15 @@ KINDS: dict[str, tuple[str, ...]] = {
     MARKS: ('rcl_interfaces/msg/Log',),
 }
 
-_CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS)
+# The cameras, and what the topics are called for the first one, by their topics.
+BY_CAMERA = {camera_topic(camera, name): (camera, name) for camera in CAMERAS for name in OF_CAMERA}
+_SEEN = camera_topics(CAMERAS, DETECTIONS)
+_CONTEXT = (*camera_topics(CAMERAS, CAMERA, VISIBILITY), ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS)
 # Topics to play for each stage from which on the results are computed again.
 STAGES: dict[str, tuple[str, ...]] = {
-    'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),
-    'doa': (DOA, DETECTIONS, *_CONTEXT),
-    'bearing': (BEARING, TARGETS, STATE, DOA, DETECTIONS, *_CONTEXT),
+    'raw': (AUDIO, MOTORS, *camera_topics(CAMERAS, IMAGE), *_SEEN, *_CONTEXT),
+    'doa': (DOA, *_SEEN, *_CONTEXT),
+    'bearing': (BEARING, TARGETS, STATE, DOA, *_SEEN, *_CONTEXT),
     'all': tuple(KINDS),
 }
 # Types among KINDS whose messages have no stamp.
@@ -136,8 +143,9 @@ def _candidates(bag: Bag, name: str, namespace: str) -> list[str]:
     if exact in bag.topics or small in bag.topics:
         return [exact if exact in bag.topics else small]
     endings, home = (f'/{name}', f'/{name}/compressed'), absolute('', namespace)
+    others = tuple(f'/{other}' for other in KINDS if other.endswith(endings[0]))  # of another camera
     return sorted(topic for topic in bag.topics
-                  if topic.endswith(endings) and (topic.startswith(home) or topic in endings))
+                  if topic.endswith(endings) and not topic.endswith(others) and (topic.startswith(home) or topic in endings))
 
 
 def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
@@ -150,6 +158,7 @@ def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
         kinds, count = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates), sum(
             bag.topics[topic].count for topic in candidates)
         return f'{kinds}, expected {" or ".join(KINDS[name])}; {count} messages are left out'
-    alike = [topic.name for topic in bag.topics.values() if topic.kind in KINDS[name]]
+    others = tuple(f'/{other}' for other in BY_CAMERA if other != name)
+    alike = [topic.name for topic in bag.topics.values() if topic.kind in KINDS[name] and not topic.name.endswith(others)]
     hint = f' (by its type {" or ".join(alike)} could be it: {name}:={alike[0]})' if alike else ''
     return f'no topic {name}{hint}'

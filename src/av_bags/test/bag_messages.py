@@ -93,14 +93,15 @@ def camera_info(time, binning=0, region=(0, 0, 0, 0), model='plumb_bob'):
                 np.eye(3).ravel(), np.array([f, 0, cx, 0, 0, f, cy, 0, 0, 0, 1.0, 0]), binning, binning, roi)
 
 
-def static_frames(time):
-    """A level camera that looks ahead, and microphones that are not turned."""
+def static_frames(time, aside=0.0):
+    """A level camera that looks ahead, a thermal one that looks `aside` (rad), and microphones that are not turned."""
     def transform(parent, child, x, y, z, w):
         turned = make('geometry_msgs/msg/Transform', vector(), make('geometry_msgs/msg/Quaternion', x, y, z, w))
         return make('geometry_msgs/msg/TransformStamped', header(time, parent), child, turned)
     return make('tf2_msgs/msg/TFMessage', [
         transform('base_link', 'microphones', 0.0, 0.0, 0.0, 1.0), transform('base_link', 'camera_link', 0.0, 0.0, 0.0, 1.0),
-        transform('camera_link', 'camera_optical_frame', -0.5, 0.5, -0.5, 0.5)])
+        transform('base_link', 'thermal_link', 0.0, 0.0, math.sin(aside / 2), math.cos(aside / 2)),
+        *(transform(f'{camera}_link', f'{camera}_optical_frame', -0.5, 0.5, -0.5, 0.5) for camera in ('camera', 'thermal'))])
 
 
 def image(kind):
@@ -147,9 +148,10 @@ def bag(path, storage=StoragePlugin.MCAP):
         yield write
 
 
-def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.0, leave_out=()):
+def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.0, leave_out=(), aside=None):
     """A target circles a standing rig in 40 s, from the front left. The camera detects it in front, the microphones always.
 
+    With `aside` (rad) a second camera looks there, see `static_frames`.
     Stamps differ by `offset` s from the times of recording. Returns the path.
     """
     rng = np.random.default_rng(5)
@@ -162,7 +164,7 @@ def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.
             if topic not in leave_out:
                 writes(topic if topic.startswith('/') else f'{prefix}/{topic}', time, message)
 
-        write('/tf_static', EPOCH, static_frames(EPOCH + offset))
+        write('/tf_static', EPOCH, static_frames(EPOCH + offset, aside or 0.0))
         for k in range(round(50 * duration)):
             time = EPOCH + k / 50.0
             truth, on_stamp = azimuth_at(time), time + offset
@@ -176,4 +178,8 @@ def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.
                 wrapped = math.remainder(truth, 2 * math.pi)
                 write('camera/camera_info', time, camera_info(on_stamp))
                 write('detections', time, detections(on_stamp, wrapped + rng.normal(0.0, 0.003)))
+            if k % 4 == 2 and aside is not None:
+                seen = math.remainder(truth - aside, 2 * math.pi) + rng.normal(0.0, 0.003)
+                write('second_camera/camera_info', time, camera_info(on_stamp))
+                write('second_camera/detections', time, detections(on_stamp, seen, frame='thermal_optical_frame'))
     return path

@@ -108,6 +108,15 @@ def test_malformed_data_are_refused_by_a_value_error_only(kind):
     assert refused > 50
 
 
+def test_topics_of_a_second_camera_are_not_those_of_the_first(tmp_path):
+    with make.bag(tmp_path / 'bag') as write:
+        write('/rig/second_camera/detections', make.EPOCH, make.detections(make.EPOCH))
+    with Bag(tmp_path / 'bag') as bag:
+        found = find_topics(bag, ('detections', 'second_camera/detections'))
+        assert found.topics == {'second_camera/detections': '/rig/second_camera/detections'}
+        assert found.missing == {'detections': 'no topic detections'}
+
+
 def test_with_a_namespace_the_topics_of_other_rigs_are_not_taken(tmp_path):
     frames = make.static_frames(make.EPOCH)
     with make.bag(tmp_path / 'two') as write:

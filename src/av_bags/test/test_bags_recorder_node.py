@@ -13,7 +13,9 @@ from tf2_msgs.msg import TFMessage
 
 from av_bags.nodes.recorder_node import RecorderNode, numbered
 from av_bags.reader import Bag
+from av_bags.topics import KINDS
 from av_common.launched import RESTARTS
+from av_common.parameters import node_parameters
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, Bearing
 from av_vision.messages import image_from_message, image_message
@@ -164,3 +166,8 @@ def test_a_restarted_recorder_continues_in_another_bag(rig, tmp_path, monkeypatc
     ('flight.mcap', 0, 'flight.mcap'), ('flight.mcap', 1, 'flight_1.mcap'), ('/data/flights/one', 3, '/data/flights/one_3')])
 def test_bags_of_one_launch_are_numbered(path, number, expected):
     assert numbered(path, number) == expected
+
+
+def test_all_that_can_be_replayed_is_recorded():
+    """Of each camera of a rig, too."""
+    assert set(KINDS) <= set(node_parameters('av_bags', 'recorder_node').topics)

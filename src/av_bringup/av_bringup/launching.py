@@ -40,12 +40,14 @@ from av_common.files import nearest
 from av_common.launched import RUN_FOLDER
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file
-from av_common.rig import load_rig
+from av_common.rig import CAMERAS, camera_topic, load_rig
 
 CONFIG = Path(get_package_share_directory('av_bringup')) / 'config'
 DDS_VARIABLE, MOST_PARTICIPANTS = 'CYCLONEDDS_URI', 32
 BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
 MONITOR_PACKAGE, VIEW_PACKAGE = 'av_evaluation', 'av_view'
+CAMERA_TOPICS = ('camera/image_raw', 'camera/image_raw/compressed', 'camera/depth/image_raw', 'camera/camera_info',
+                 'detections', 'detections/image', 'visibility', 'imu/data_raw')  # each camera has its own
 BAG_TIME = 'bag time'  # among the arguments of nodes whose time is that of a player
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
@@ -358,13 +360,9 @@ def camera_node(arguments: Arguments, executable: str, camera: str, parameters: 
         camera: one of `Rig.cameras`.
         parameters: parameters that this launch sets.
     """
-    if camera == 'camera':
-        return rig_node(arguments, 'av_vision', executable, parameters)
-    own = {'camera/image_raw': 'image_raw', 'camera/image_raw/compressed': 'image_raw/compressed',
-           'camera/depth/image_raw': 'depth/image_raw', 'camera/camera_info': 'camera_info', 'detections': 'detections',
-           'detections/image': 'detections/image', 'visibility': 'visibility', 'imu/data_raw': 'imu/data_raw'}
-    return rig_node(arguments, 'av_vision', executable, parameters, name=f'{camera}_{executable.removeprefix("camera_")}',
-                    remappings=[(topic, f'{camera}/{name}') for topic, name in own.items()])
+    name = executable if camera == CAMERAS[0] else f'{camera}_{executable.removeprefix("camera_")}'
+    return rig_node(arguments, 'av_vision', executable, parameters, name=name,
+                    remappings=[(topic, other) for topic in CAMERA_TOPICS if (other := camera_topic(camera, topic)) != topic])
 
 
 def recorder_nodes(arguments: Arguments) -> list[Node]:

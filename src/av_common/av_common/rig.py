@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 
 Vector = tuple[float, float, float]
+CAMERAS = ('camera', 'second_camera')  # that a rig may have
 
 
 @dataclass(frozen=True)
@@ -168,8 +170,9 @@ class Rig:
 
     @property
     def cameras(self) -> dict[str, CameraMount]:
-        """The cameras by the prefix of their topics: `camera`, whose detections are `detections`, and `second_camera`."""
-        return {'camera': self.camera} | ({'second_camera': self.second_camera} if self.second_camera else {})
+        """The cameras by their names among CAMERAS; `camera_topic` gives their topics."""
+        found = zip(CAMERAS, (self.camera, self.second_camera), strict=True)
+        return {name: camera for name, camera in found if camera is not None}
 
     @property
     def optical_frames(self) -> dict[str, str]:
@@ -177,9 +180,24 @@ class Rig:
         return {camera.frame: camera.optical_frame for camera in self.cameras.values()}
 
 
-def detections_topic(camera: str) -> str:
-    """Topic of the detections of one of `Rig.cameras`."""
-    return 'detections' if camera == 'camera' else f'{camera}/detections'
+def camera_topic(camera: str, topic: str) -> str:
+    """The topic of one of `Rig.cameras`, as second_camera/image_raw and second_camera/detections.
+
+    Parameters:
+        camera: its name.
+        topic: what it is called for the first camera, as camera/image_raw and detections.
+    """
+    return topic if camera == CAMERAS[0] else f'{camera}/{topic.removeprefix("camera/")}'
+
+
+def camera_topics(cameras: Iterable[str], *topics: str) -> tuple[str, ...]:
+    """The topics of several cameras, see `camera_topic`.
+
+    Parameters:
+        cameras: their names.
+        topics: what they are called for the first camera.
+    """
+    return tuple([camera_topic(camera, topic) for camera in cameras for topic in topics])
 
 
 def load_rig(path: str | Path) -> Rig:

@@ -1,3 +1,4 @@
+import math
 import os
 import re
 import signal
@@ -12,6 +13,7 @@ from av_bags.reader import Bag
 from av_bags.writer import BagWriter
 from av_common.track import State
 from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_simulator.config_files import find_config
 
 pytestmark = pytest.mark.system
 
@@ -38,17 +40,25 @@ def bearings(path):
                      for row in rows if row.state != State.NONE])
 
 
-def test_live_and_offline_replay_agree(tmp_path):
-    flight = make.flight(tmp_path / 'flight', duration=16.0)
+@pytest.mark.parametrize('aside', [None, math.radians(80.0)])
+def test_live_and_offline_replay_agree(tmp_path, aside):
+    """With one camera, and with a second one that sees the target when it has left the view of the first."""
+    flight = make.flight(tmp_path / 'flight', duration=16.0, aside=aside)
+    rig = str(find_config('rig' if aside is None else 'rig_two_cameras'))
     with Bag(flight) as bag, BagWriter(tmp_path / 'offline.mcap') as out:
-        Replay(bag, ReplaySettings(stage='doa')).run(out)
-    code, output = launch(f'bag:={flight}', 'only:=doa', 'rate:=2.0', f'record:={tmp_path / "live.mcap"}')
+        Replay(bag, ReplaySettings(stage='doa', rig=rig)).run(out)
+    code, output = launch(f'bag:={flight}', 'only:=doa', 'rate:=2.0', f'rig:={rig}', f'record:={tmp_path / "live.mcap"}')
     assert code == 0, output
     assert re.search(r'coverage +100\.0 %', output)
     live, offline = bearings(tmp_path / 'live.mcap'), bearings(tmp_path / 'offline.mcap')
+    if aside is not None:  # by sound alone sigma is 1 deg
+        left = offline[(offline[:, 0] > make.EPOCH + 4.0) & (offline[:, 0] < make.EPOCH + 8.0)]
+        truth = 0.3 + 2 * math.pi / 40.0 * (left[:, 0] - make.EPOCH)
+        assert np.degrees(np.sqrt(np.mean((left[:, 1] - truth) ** 2))) < 0.3
     with Bag(tmp_path / 'live.mcap') as bag:
         assert bag.topics['/doa'].count == 160
         assert bag.topics['/detections'].count == 200
+        assert aside is None or bag.topics['/second_camera/detections'].count == 200
         assert bag.topics['/tf_static'].count == 1
     assert len(live) > 0.8 * len(offline)
     # The first second apart: what has come by then is a matter of microseconds.

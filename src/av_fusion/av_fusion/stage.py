@@ -19,6 +19,7 @@ from av_common.frames import BASE_FRAME
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
+from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
@@ -40,7 +41,8 @@ from av_interfaces.msg import (
     Visibility,
 )
 
-DOA, DETECTIONS, ODOMETRY, GIMBAL = 'doa', 'detections', 'odometry', 'gimbal/state'
+DOA, ODOMETRY, GIMBAL = 'doa', 'odometry', 'gimbal/state'
+DETECTIONS, VISIBILITY, INFO = 'detections', 'visibility', 'camera/camera_info'  # of the first camera
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_WRONG = 0.2  # probability that a cue concerns another target
@@ -49,6 +51,23 @@ LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outp
 CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
 VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
 TRANSFORM_WAIT_S = 0.15  # how long a measurement waits for the orientation of its sensor at its capture time
+
+
+class Seen(NamedTuple):
+    """How much an image of a camera shows.
+
+    Parameters:
+        stamp (s): of the image.
+        visibility: 0..1, NaN if unknown.
+        searched: share of the view that is searched.
+    """
+
+    stamp: float = -math.inf
+    visibility: float = math.nan
+    searched: float = 1.0
+
+
+UNSEEN = Seen()
 
 
 class FusionOutput(NamedTuple):
@@ -105,24 +124,26 @@ class FusionStage:
         converter: converts messages to measurements in the body frame.
         observer: is called with measurements and tracks, or None.
         gimbal: orientations of the gimbal that carries the cameras, added to by `on_gimbal`; None without one.
-        detections: topics of the detections, one for each camera.
+        cameras: names of the rig's cameras.
         consistency: see the attribute.
         stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, observer: FusionObserver | None = None,
-                 gimbal: GimbalHistory | None = None, detections: Sequence[str] = (DETECTIONS,),
+                 gimbal: GimbalHistory | None = None, cameras: Sequence[str] = CAMERAS[:1],
                  consistency: ConsistencyMonitor | None = None, stop_at_faults: bool = True) -> None:
         self.consistency, self._stop_at_faults = consistency, stop_at_faults
         self.tracker, self.converter = tracker, converter
-        self.gate = InputGate((DOA, *detections, ODOMETRY), CLOCK_TOLERANCE_S)
+        self._cameras = {camera_topic(camera, DETECTIONS): camera for camera in cameras}  # by the topic of their detections
+        self.gate = InputGate((DOA, *self._cameras, ODOMETRY), CLOCK_TOLERANCE_S)
         self._observer = observer
         self._period = 1.0 / RATE_HZ
-        self._visibility = (-math.inf, math.nan, 1.0)  # stamp of the image, visibility, share that is searched
+        self._visibilities: dict[str, Seen] = {}  # by camera
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
-        self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, *detections)}
+        self._waiting: dict[str, deque[tuple[Any, float]]] = {
+            name: deque(maxlen=MOST_WAITING) for name in (DOA, *self._cameras)}
 
     def on_doa(self, message: DoaArray, arrival: float) -> FusionOutput | None:
         """Use directions of arrival; None if their stamp belongs to another clock.
@@ -133,7 +154,7 @@ class FusionStage:
         """
         return self._queue(DOA, message, arrival)
 
-    def on_detections(self, message: Detection2DArray, arrival: float, topic: str = DETECTIONS) -> FusionOutput | None:
+    def on_detections(self, message: Detection2DArray, arrival: float, camera: str = CAMERAS[0]) -> FusionOutput | None:
         """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
 
         An image whose camera moves waits for up to TRANSFORM_WAIT_S until the camera's orientation is known.
@@ -141,9 +162,9 @@ class FusionStage:
         Parameters:
             message: detections in one image.
             arrival (s): time of its arrival.
-            topic: that of the camera's detections.
+            camera: the camera's name.
         """
-        return self._queue(topic, message, arrival)
+        return self._queue(camera_topic(camera, DETECTIONS), message, arrival)
 
     def on_gimbal(self, message: GimbalState, arrival: float) -> FusionOutput | None:
         """Note the gimbal's orientation, and use the images that waited for it.
@@ -160,18 +181,26 @@ class FusionStage:
         self._gimbal.add(sample_of(message), arrival)
         return self._use_waiting(arrival)
 
-    def on_visibility(self, message: Visibility) -> None:
-        """Store the visibility for images of about the same time of the first camera."""
-        if 'visibility' in self.gate.contested:
-            return
-        searched = 1.0 - message.unsearched if 0.0 <= message.unsearched <= 1.0 else 1.0
-        self._visibility = (to_seconds(message.header.stamp), message.visibility, searched)
+    def on_visibility(self, message: Visibility, camera: str = CAMERAS[0]) -> None:
+        """Store the visibility for images of a camera of about the same time.
 
-    def on_camera_info(self, message: CameraInfo) -> None:
-        """Take the camera model that detections refer to."""
-        if any(name.endswith('camera_info') for name in self.gate.contested):
-            return
-        self.converter.set_camera_info(message)
+        Parameters:
+            message: the visibility.
+            camera: the camera's name.
+        """
+        if camera_topic(camera, VISIBILITY) not in self.gate.contested:
+            searched = 1.0 - message.unsearched if 0.0 <= message.unsearched <= 1.0 else 1.0
+            self._visibilities[camera] = Seen(to_seconds(message.header.stamp), message.visibility, searched)
+
+    def on_camera_info(self, message: CameraInfo, camera: str = CAMERAS[0]) -> None:
+        """Take the model of a camera that its detections refer to.
+
+        Parameters:
+            message: the model.
+            camera: the camera's name.
+        """
+        if camera_topic(camera, INFO) not in self.gate.contested:
+            self.converter.set_camera_info(message, camera)
 
     def on_odometry(self, message: Odometry, arrival: float) -> None:
         """Use the rig's attitude.
@@ -263,7 +292,8 @@ class FusionStage:
             self.tracker.reset()
             self.tracker.motion.restart()
             self.gate.restart()
-            self._visibility, self._last_output, self._cued = (-math.inf, math.nan, 1.0), -math.inf, -math.inf
+            self._visibilities.clear()
+            self._last_output = self._cued = -math.inf
             for waiting in self._waiting.values():
                 waiting.clear()
         self._now = now
@@ -296,10 +326,7 @@ class FusionStage:
     def _use(self, name: str, message: Any, arrival: float) -> bool:
         if name == DOA:
             return self._use_doa(message, arrival)
-        stamp, visibility, searched = self._visibility
-        if name != DETECTIONS or abs(to_seconds(message.header.stamp) - stamp) >= VISIBILITY_AGE_S:
-            visibility, searched = math.nan, 1.0
-        return self._use_detections(message, arrival, visibility, searched)
+        return self._use_detections(self._cameras[name], message, arrival)
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
         measurements = self.converter.doa(message)
@@ -311,8 +338,11 @@ class FusionStage:
         self.tracker.add_doas(measurements)
         return True
 
-    def _use_detections(self, message: Detection2DArray, arrival: float, visibility: float, searched: float) -> bool:
-        measurement = self.converter.detections(message, visibility, searched)
+    def _use_detections(self, camera: str, message: Detection2DArray, arrival: float) -> bool:
+        seen = self._visibilities.get(camera, UNSEEN)
+        if abs(to_seconds(message.header.stamp) - seen.stamp) >= VISIBILITY_AGE_S:
+            seen = UNSEEN
+        measurement = self.converter.detections(message, seen.visibility, seen.searched, camera)
         if measurement is None:
             return False
         if self._gimbal is not None:
@@ -367,21 +397,21 @@ def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, 
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
-                      camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
+                      models: Mapping[str, PinholeCamera] | None = None, observer: FusionObserver | None = None,
                       tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
-                      detections: Sequence[str] = (DETECTIONS,)) -> FusionStage:
+                      cameras: Sequence[str] = CAMERAS[:1]) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
         parameters: the node's parameters, or those of `av_common.parameters.node_parameters`.
         rotation_of: see `RotationOf`.
-        camera: intrinsics until a CameraInfo arrives; None while unknown.
+        models: intrinsics of cameras until a CameraInfo arrives, by their names.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
-        gimbal, detections: see `FusionStage`.
+        gimbal, cameras: see `FusionStage`.
     """
-    converter = MeasurementConverter(rotation_of, camera=camera)
+    converter = MeasurementConverter(rotation_of, cameras=models)
     check = parameters.setup_check
     tracker = tracker or make_tracker(parameters)
     monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
-    return FusionStage(tracker, converter, observer, gimbal, detections, monitor, check == 'stop')
+    return FusionStage(tracker, converter, observer, gimbal, cameras, monitor, check == 'stop')

@@ -14,7 +14,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
-from av_common.rig import ArrayMount, Rig
+from av_common.rig import CAMERAS, ArrayMount, Rig
 from av_common.stamps import to_seconds, to_stamp
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.nodes.fusion_node import FusionNode
@@ -106,12 +106,12 @@ def test_two_cameras_of_one_target_give_one_bearing_each_with_its_own_frame_and_
     turned = np.array([[math.cos(aside), -math.sin(aside), 0.0], [math.sin(aside), math.cos(aside), 0.0], [0.0, 0.0, 1.0]])
     rotations = ROTATIONS | {'thermal': turned @ FLU_TO_OPTICAL.T}
     stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'), fixed_rotations(rotations), observer=recorder,
-                              detections=('detections', 'second_camera/detections'))
-    for frame, size, focal in (('camera', (640, 480), 457.0), ('thermal', (320, 256), 343.0)):
+                              cameras=CAMERAS)
+    for camera, frame, size, focal in ((CAMERAS[0], 'camera', (640, 480), 457.0), (CAMERAS[1], 'thermal', (320, 256), 343.0)):
         info = camera_info(focal)
         info.header.frame_id, (info.width, info.height) = frame, size
         info.k[2], info.k[5] = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
-        stage.on_camera_info(info)
+        stage.on_camera_info(info, camera)
     for k in range(20):
         now = START + 0.1 * k
         stage.on_odometry(odometry(now, 1.0), now)
@@ -120,14 +120,14 @@ def test_two_cameras_of_one_target_give_one_bearing_each_with_its_own_frame_and_
         warm = detections(now - 0.12, (159.5 - 343.0 * math.tan(0.2 - aside), 0.9, 'drone'), frame='thermal')
         for one in warm.detections:
             one.bbox.center.position.y = 127.5
-        output = stage.on_detections(warm, now, 'second_camera/detections')
+        output = stage.on_detections(warm, now, CAMERAS[1])
     assert output.bearing.azimuth == pytest.approx(0.2, abs=0.005) and len(output.targets.tracks) == 1
     assert not output.state.missing or output.state.missing == ['doa']
     seen, felt = recorder.camera[-2:]
     assert seen.detections[0].azimuth == pytest.approx(felt.detections[0].azimuth, abs=2e-3)
     assert seen.half_view != felt.half_view and seen.visibility == pytest.approx(0.2) and math.isnan(felt.visibility)
     stage.refuse_contested({'second_camera/detections': ['/a', '/b']})
-    assert stage.on_detections(warm, now, 'second_camera/detections') is None
+    assert stage.on_detections(warm, now, CAMERAS[1]) is None
 
 
 def two_cameras(yaw=0.0):
@@ -135,11 +135,9 @@ def two_cameras(yaw=0.0):
     turned = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'),
                               fixed_rotations(ROTATIONS | {'thermal': turned @ FLU_TO_OPTICAL.T}),
-                              detections=('detections', 'second_camera/detections'))
-    for frame in ('camera', 'thermal'):
-        info = camera_info()
-        info.header.frame_id = frame
-        stage.on_camera_info(info)
+                              cameras=CAMERAS)
+    for camera in CAMERAS:
+        stage.on_camera_info(camera_info(), camera)
     return stage
 
 
@@ -147,20 +145,20 @@ def two_cameras(yaw=0.0):
 def test_a_camera_that_sees_nothing_does_not_take_the_lead_from_one_that_does(blind):
     """The visible one at night, or the thermal one before a warm wall."""
     stage, states = two_cameras(), []
-    topics = {'camera': 'detections', 'thermal': 'second_camera/detections'}
+    names = {'camera': CAMERAS[0], 'thermal': CAMERAS[1]}
     for k in range(40):
         now = START + 0.05 * k
         stage.on_odometry(odometry(now, 0.0), now)
         stage.on_visibility(Visibility(header=detections(now).header, visibility=0.0 if blind == 'camera' else 0.9))
         stage.on_doa(doa(now - 0.3, 0.2), now)
         boxes = [] if (frame := ('camera', 'thermal')[k % 2]) == blind else [(319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')]
-        output = stage.on_detections(detections(now - 0.04, *boxes, frame=frame), now, topics[frame])
+        output = stage.on_detections(detections(now - 0.04, *boxes, frame=frame), now, names[frame])
         states.append(output.state.state)
         assert not output.state.visibility > 0.0 or blind == 'thermal'
     assert set(states[10:]) == {Bearing.STATE_VISUAL_ACTIVE}
     for k in range(20):    # nor is what the camera that died saw last a reason to lead
         now = START + 2.0 + 0.05 * k
-        output = stage.on_detections(detections(now - 0.04, frame=blind), now, topics[blind])
+        output = stage.on_detections(detections(now - 0.04, frame=blind), now, names[blind])
     assert output.state.state != Bearing.STATE_VISUAL_ACTIVE
 
 
@@ -174,7 +172,7 @@ def test_a_second_camera_that_looks_elsewhere_takes_nothing_from_what_the_first_
         stage.on_visibility(Visibility(header=detections(now).header, visibility=1.0))
         stage.on_doa(doa(now - 0.3, 0.2), now)
         if aside is not None:
-            stage.on_detections(detections(now - 0.055, frame='thermal'), now, 'second_camera/detections')
+            stage.on_detections(detections(now - 0.055, frame='thermal'), now, CAMERAS[1])
         output = stage.on_detections(detections(now - 0.05), now)
     assert output.state.front_probability < 0.05
 
@@ -323,11 +321,11 @@ def test_frames_and_cameras_that_are_unknown_are_left_out():
     recorder = Recorder()
     stage = make_stage(recorder)
     assert stage.on_detections(detections(START), START) is None
-    assert 'no camera/camera_info' in stage.converter.problem
+    assert 'no camera/camera_info' in stage.converter.problems['camera']
     stage.on_camera_info(CameraInfo())
-    assert 'not calibrated' in stage.converter.problem
+    assert 'not calibrated' in stage.converter.problems['camera']
     stage.on_camera_info(camera_info())
-    assert stage.converter.problem == ''
+    assert not stage.converter.problems
     assert stage.on_detections(detections(START, frame='elsewhere'), START) is None
     assert stage.on_doa(doa(START, 0.2, frame='elsewhere'), START) is not None  # time has passed all the same
     assert not recorder.doa and not recorder.camera

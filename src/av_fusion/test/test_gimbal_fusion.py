@@ -133,11 +133,11 @@ def test_a_camera_model_that_cannot_be_used_is_forgotten_when_the_usual_one_come
     usual = CameraInfo(width=640, height=480, k=[457.0, 0.0, 319.5, 0.0, 457.0, 239.5, 0.0, 0.0, 1.0], d=[0.0] * 5,
                        distortion_model='plumb_bob')
     converter.set_camera_info(usual)
-    camera = converter.camera
+    camera = converter.cameras['camera']
     converter.set_camera_info(CameraInfo(width=640, height=480))
-    assert 'not calibrated' in converter.problem and converter.camera is camera
+    assert 'not calibrated' in converter.problems['camera'] and converter.cameras['camera'] is camera
     converter.set_camera_info(usual)
-    assert not converter.problem and converter.camera is camera
+    assert not converter.problems and converter.cameras['camera'] is camera
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from av_bags.reader import Bag
 from av_bags.topics import STAGES, Found, find_topics, parse_remappings
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED
+from av_common.rig import CAMERAS, camera_topics
 from av_common.stamps import to_stamp
 
 # Reliable, and with a queue for bursts, so that replay loses no messages.
@@ -38,6 +39,7 @@ SETTLE_S = 0.5
 PAUSE_STEP_S = 0.05  # between looks for the end of a pause
 WAIT_S = 30.0  # for the nodes of wait_for
 CLOCK_HZ = 100.0  # of /clock
+SECOND = camera_topics(CAMERAS[1:], *names.OF_CAMERA)
 
 
 class PlayerNode(RigNode):
@@ -66,8 +68,9 @@ class PlayerNode(RigNode):
         """Open a bag at a position (s). Raises BagError when there is nothing to play."""
         settings, bag = self._settings, Bag(path)
         found = self._find(bag)
-        for reason in found.missing.values():
-            self.get_logger().info(reason)
+        for name, reason in found.missing.items():
+            if name in found.unused or name not in SECOND:  # most rigs have one camera
+                self.get_logger().info(reason)
         layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
             if settings.audio_rate else None
         self._stop = position + settings.duration if settings.duration else math.inf
@@ -92,7 +95,8 @@ class PlayerNode(RigNode):
         parse_remappings(settings.remap)
 
     def _wanted(self) -> list[str]:
-        omitted = (names.DETECTIONS, names.VISIBILITY) if self._settings.only == 'raw' and not self._settings.detections else ()
+        detected = self._settings.only == 'raw' and not self._settings.detections
+        omitted = camera_topics(CAMERAS, names.DETECTIONS, names.VISIBILITY) if detected else ()
         return [name for name in STAGES[self._settings.only] if name not in omitted]
 
     def activate(self) -> None:

@@ -30,7 +30,7 @@ from av_common.arguments import number, whole
 from av_common.frames import attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, Instant
 from av_common.parameters import node_parameters
-from av_common.rig import CameraMount
+from av_common.rig import CAMERAS, CameraMount
 from av_common.stamps import to_seconds, to_stamp
 from av_evaluation.attack.hostile import HostileValues
 from av_evaluation.attack.judges import ROUNDING, CommandLimits
@@ -116,7 +116,7 @@ class Mixture:
         self._hostile = HostileValues(self._random, lambda: self._now)
         method = self._random.choice(METHODS)
         self._fusion = make_fusion_stage(parameters('av_fusion', 'fusion_node', method=method),
-                                         lambda frame, time: np.eye(3), CameraMount().model)
+                                         lambda frame, time: np.eye(3), {CAMERAS[0]: CameraMount().model})
         self._pointing = make_pointing_stage(parameters('av_pointing', 'pointing_node', enabled=True))
         self._limits, self._witness, self._before = CommandLimits(self._pointing.controller.settings, ROUNDING), Witness(), 0.0
         self._bearing: Bearing | None = None

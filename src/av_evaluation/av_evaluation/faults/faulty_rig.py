@@ -68,7 +68,7 @@ class _Converter:
     def doa(self, message: _Message) -> object:
         return message.measured
 
-    def detections(self, message: _Message, _visibility: float, _searched: float) -> object:
+    def detections(self, message: _Message, _visibility: float, _searched: float, _camera: str) -> object:
         return message.measured
 
 

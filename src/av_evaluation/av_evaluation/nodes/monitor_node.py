@@ -21,6 +21,7 @@ from av_bags import topics
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
+from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_common.track_messages import track_of_bearing
@@ -66,8 +67,10 @@ class MonitorNode(RigNode):
         self._logged = 0.0, -math.inf
         subscribe = self.create_subscription
         subscribe(DoaArray, 'doa', self._on_doa, STREAM)
-        subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
-        subscribe(CameraInfo, 'camera/camera_info', self._converter.set_camera_info, STREAM)
+        for camera in CAMERAS:
+            for kind, topic, take in ((Detection2DArray, topics.DETECTIONS, self._on_detections),
+                                      (CameraInfo, topics.CAMERA, self._converter.set_camera_info)):
+                subscribe(kind, camera_topic(camera, topic), partial(take, camera=camera), STREAM)
         subscribe(Bearing, 'target/bearing', self._on_bearing, RESULT)
         subscribe(FusionState, 'fusion/state', self._on_state, RESULT)
         subscribe(TrackArray, 'targets', self._on_targets, RESULT)
@@ -97,9 +100,9 @@ class MonitorNode(RigNode):
         if self._logs(message):
             self._recorder.on_doa(self._converter.doa(message), self.now())
 
-    def _on_detections(self, message: Detection2DArray) -> None:
-        self._meters['detections'].tick()
-        measurement = self._converter.detections(message) if self._logs(message) else None
+    def _on_detections(self, message: Detection2DArray, camera: str = CAMERAS[0]) -> None:
+        self._meters.setdefault(camera_topic(camera, topics.DETECTIONS), RateMeter()).tick()
+        measurement = self._converter.detections(message, camera=camera) if self._logs(message) else None
         if measurement is not None:
             self._recorder.on_camera(measurement, message, self.now())
 

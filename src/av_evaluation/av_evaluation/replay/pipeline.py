@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -20,7 +19,7 @@ from av_common.body_odometry import FixedFrames
 from av_common.frames import BASE_FRAME
 from av_common.freshness import Instant
 from av_common.gimbal_history import GimbalHistory
-from av_common.rig import Rig
+from av_common.rig import Rig, camera_topic
 from av_common.rig_messages import static_transforms
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
@@ -37,20 +36,21 @@ Message = TypeVar('Message')
 class Pipeline:
     """Passes messages through the stages of the rig, as middleware would in no time.
 
-    A stage that is None is not computed: its results are expected as messages. Arrivals must not decrease.
+    A stage that is None or absent is not computed: its results are expected as messages. Arrivals must not decrease.
 
     Attributes:
         problems: number of messages that could not be used, by topic and reason.
 
     Parameters:
-        doa, detection, fusion, pointing: the stages.
+        doa, fusion, pointing: the stages.
+        detection: those of cameras, by their names.
         recorder: is given measurements and tracks where fusion is not computed.
         converter: converts directions and detections to measurements for it.
         publish: is called with topic (the rig's name), time (s) and message of each result.
         estimators: further stages that estimate directions, by method, whose most confident ones go to the recorder's log.
     """
 
-    def __init__(self, doa: DoaStage | None, detection: DetectionStage | None, fusion: FusionStage | None,
+    def __init__(self, doa: DoaStage | None, detection: Mapping[str, DetectionStage], fusion: FusionStage | None,
                  pointing: PointingStage | None, recorder: RunRecorder, converter: MeasurementConverter,
                  publish: Callable[[str, float, Any], None], estimators: Mapping[str, DoaStage]) -> None:
         self._estimators = estimators
@@ -66,6 +66,8 @@ class Pipeline:
 
     def take(self, name: str, message: Any, arrival: float) -> None:
         """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
+        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        detection = self._detection.get(camera)
         try:
             self._share(name, message, arrival)
             if name == names.AUDIO and self._doa is not None:
@@ -74,11 +76,11 @@ class Pipeline:
                     self._publish_sensed(names.DOA, directions, arrival)
             elif name == names.MOTORS and self._doa is not None:
                 self._doa.on_motor_speeds(message)
-            elif name == names.IMAGE and self._detection is not None:
-                detections, visibility = self._detection.on_image(message, arrival)
+            elif kind == names.IMAGE and detection is not None:
+                detections, visibility = detection.on_image(message, arrival)
                 for topic, sensed in ((names.VISIBILITY, visibility), (names.DETECTIONS, detections)):
                     if sensed is not None:
-                        self._publish_sensed(topic, sensed, arrival)
+                        self._publish_sensed(camera_topic(camera, topic), sensed, arrival)
             elif self._fusion is not None:
                 self._fuse(self._fusion, name, message, arrival)
             else:
@@ -87,16 +89,17 @@ class Pipeline:
             self.problems[f'{name}: {error}'] += 1
 
     def _share(self, name: str, message: Any, arrival: float) -> None:
-        """Give the rig's pose and its camera, whose region of interest may move, to all but the fusion. Raises ValueError."""
-        if name == names.CAMERA:
-            self._converter.set_camera_info(message)
-            if self._converter.problem:
-                self.problems[f'{name}: {self._converter.problem}'] += 1
-            if self._detection is not None:
-                self._detection.on_camera_info(message)
+        """Give the rig's pose and cameras, whose regions of interest may move, to all but the fusion. Raises ValueError."""
+        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        if kind == names.CAMERA:
+            self._converter.set_camera_info(message, camera)
+            if problem := self._converter.problems.get(camera):
+                self.problems[problem] += 1
+            if camera in self._detection:
+                self._detection[camera].on_camera_info(message)
         elif name == names.ODOMETRY:
-            if self._detection is not None:
-                self._detection.on_odometry(message)
+            for detection in self._detection.values():
+                detection.on_odometry(message)
             if self._pointing is not None:
                 self._pointing.on_odometry(message, Instant(arrival, arrival))
 
@@ -109,27 +112,29 @@ class Pipeline:
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
+        camera, kind = names.BY_CAMERA.get(name, ('', name))
         if name == names.ODOMETRY:
             fusion.on_odometry(message, arrival)
-        elif name == names.CAMERA:
-            fusion.on_camera_info(message)
-        elif name == names.VISIBILITY:
-            fusion.on_visibility(message)
+        elif kind == names.CAMERA:
+            fusion.on_camera_info(message, camera)
+        elif kind == names.VISIBILITY:
+            fusion.on_visibility(message, camera)
         elif name == names.GIMBAL:
             output = fusion.on_gimbal(message, arrival)
         elif name == names.DOA:
             output = fusion.on_doa(message, arrival)
-        elif name == names.DETECTIONS:
-            output = fusion.on_detections(message, arrival)
+        elif kind == names.DETECTIONS:
+            output = fusion.on_detections(message, arrival, camera)
         if output is not None:
             self._publish_fused(output)
 
     def _follow(self, name: str, message: Any, arrival: float) -> None:
         """Take a message when the bearings are recorded ones."""
+        camera, kind = names.BY_CAMERA.get(name, ('', name))
         if name == names.DOA:
             self._recorder.on_doa(self._converter.doa(message), arrival)
-        elif name == names.DETECTIONS:
-            measurement = self._converter.detections(message, math.nan)
+        elif kind == names.DETECTIONS:
+            measurement = self._converter.detections(message, camera=camera)
             if measurement is not None:
                 self._recorder.on_camera(measurement, message, arrival)
         elif name == names.BEARING:
@@ -146,8 +151,8 @@ class Pipeline:
         self._publish(names.STATE, now, output.state)
         self._publish(names.TARGETS, now, output.targets)
         self._publish(names.BEARING, now, output.bearing)
-        if self._detection is not None:
-            self._detection.on_bearing(output.bearing)
+        for detection in self._detection.values():
+            detection.on_bearing(output.bearing)
         self._point(output.bearing, now)
 
     def _point(self, bearing: Any, now: float) -> None:

@@ -24,7 +24,7 @@ from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
-from av_common.rig import Rig, load_rig
+from av_common.rig import CAMERAS, CameraMount, Rig, camera_topic, camera_topics, load_rig
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
@@ -40,7 +40,7 @@ from av_vision.stage import DetectionStage, make_detection_stage
 Result = TypeVar('Result')
 STAGES = ('raw', 'doa', 'bearing')
 TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
-CONTEXT = (names.CAMERA, names.FRAMES, names.ODOMETRY, names.GIMBAL, *TRUTHS)
+CONTEXT = (names.FRAMES, names.ODOMETRY, names.GIMBAL, *TRUTHS)
 # What is done without topics that are not in the bag.
 WITHOUT = {
     names.CAMERA: "the camera of the rig's description is assumed",
@@ -117,13 +117,14 @@ class Replay:
         self.lost = False
         self._out: BagWriter | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
+        self._rig, self._estimators, self._segment = load_rig(settings.rig or find_config('rig')), estimators, 0
+        senses = names.DOA, *camera_topics(self._rig.cameras, names.DETECTIONS)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
-                                        'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
+                                        'doa' if any(name in found for name in senses) else 'bearing')
         self._topics = self._choose(found)
         self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         for file in settings.parameters:
             check_parameter_file(file, [absolute(node, settings.namespace) for node in node_modules()])
-        self._rig, self._estimators, self._segment = load_rig(settings.rig or find_config('rig')), estimators, 0
         self._build(self._rig, estimators)
 
     @property
@@ -163,7 +164,7 @@ class Replay:
         name, arrival, message, data, _ = record
         if name != names.FRAMES:  # which may be older than all else
             self._pipeline.advance(arrival)  # before it is written, so that the output is in order of time
-        if name not in (names.AUDIO, names.IMAGE):
+        if name not in (names.AUDIO, *camera_topics(CAMERAS, names.IMAGE)):
             self._publish(name, arrival, message, data)
         if name in TRUTHS:
             try:
@@ -188,19 +189,22 @@ class Replay:
 
     def _choose(self, found: Found) -> dict[str, str]:
         """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
-        images = names.IMAGE if self.stage == 'raw' and self._settings.model else names.DETECTIONS
-        inputs = {'raw': (names.AUDIO, images), 'doa': (names.DOA, names.DETECTIONS), 'bearing': (names.BEARING,)}
+        cameras, detects = tuple(self._rig.cameras), self.stage == 'raw' and bool(self._settings.model)
+        seen, detections = (camera_topics(cameras, name) for name in (names.IMAGE if detects else names.DETECTIONS,
+                                                                      names.DETECTIONS))
+        inputs = {'raw': (names.AUDIO, *seen), 'doa': (names.DOA, *detections), 'bearing': (names.BEARING,)}
         wanted = inputs[self.stage]
         if not any(name in found for name in wanted):
             all_inputs = () if self._settings.stage else (names.AUDIO, names.DOA, names.DETECTIONS)
             reasons = '; '.join(found.missing[name] for name in (*wanted, *all_inputs))
             raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
-        for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
+        for name in (*wanted, *camera_topics(cameras, names.CAMERA), names.ODOMETRY, *TRUTHS):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
-                (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {WITHOUT[name]}')
-        beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+                without = WITHOUT[names.BY_CAMERA.get(name, ('', name))[1]]
+                (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {without}')
+        beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, *detections) if self.stage == 'bearing' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
-        beside += (names.VISIBILITY,) if images == names.DETECTIONS else ()
+        beside += camera_topics(cameras, names.CAMERA, *(() if detects else (names.VISIBILITY,)))
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}
 
     def _build(self, rig: Rig, estimators: Sequence[str]) -> None:
@@ -210,23 +214,25 @@ class Replay:
         self._odometry = BodyOdometry(self._frames.fixed)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
-        camera = self._camera(rig)
-        self._converter = MeasurementConverter(self._frames.rotation, camera=camera)
+        models = {camera: self._model(camera, mount) for camera, mount in rig.cameras.items()}
+        self._converter = MeasurementConverter(self._frames.rotation, cameras=models)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
             tracker: Tracker = make_tracker(fusion, rig.gimbal)
             if self._keeps_events:
                 tracker = recording(tracker, self.log.events)
-            self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
-                                             gimbal if rig.gimbal else None)
+            self._fusion = make_fusion_stage(fusion, self._frames.rotation, models, self._recorder, tracker,
+                                             gimbal if rig.gimbal else None, tuple(rig.cameras))
             self._fusion.converter.optical_frames = rig.optical_frames
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
         doa = self._doa = self._doa_stage(rig)
         others = {method: stage for method in estimators if (stage := self._doa_stage(rig, method=method)) is not None}
-        self._pipeline = Pipeline(doa, self._detection_stage(rig, camera), self._fusion, pointing, self._recorder,
-                                  self._converter, self._publish, others)
+        detection = {camera: self._detection_stage(camera, mount, models[camera]) for camera, mount in rig.cameras.items()
+                     if camera_topic(camera, names.IMAGE) in self._topics}
+        self._pipeline = Pipeline(doa, detection, self._fusion, pointing, self._recorder, self._converter, self._publish,
+                                  others)
 
     def _doa_stage(self, rig: Rig, **changes: Any) -> DoaStage | None:
         if self.stage != 'raw' or names.AUDIO not in self._topics:
@@ -234,26 +240,26 @@ class Replay:
         array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
         return make_doa_stage(self._parameters('av_audio', 'doa_node'), array, **changes)
 
-    def _detection_stage(self, rig: Rig, camera: PinholeCamera) -> DetectionStage | None:
-        if names.IMAGE not in self._topics:
-            return None
-        model = self._settings.model if self._settings.model != 'shipped' else ''
-        given = {'model': model, 'camera_kind': rig.camera.images, 'keep_classes': list(self._settings.classes)}
+    def _detection_stage(self, camera: str, mount: CameraMount, model: PinholeCamera) -> DetectionStage:
+        """As `av_bringup.launching.detector_nodes`: the first camera has the model given, others the shipped one."""
+        file = self._settings.model if camera == CAMERAS[0] and self._settings.model != 'shipped' else ''
+        given = {'model': file, 'camera_kind': mount.images,
+                 'keep_classes': list(self._settings.classes) if camera == CAMERAS[0] else []}
         stage = make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}))
-        stage.mount(self._frames.rotation, camera)
+        stage.mount(self._frames.rotation, model)
         return stage
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
         files: list[str | Path] = [find_config('rig_params'), *self._settings.parameters]
         return node_parameters(package, node, files, given, self._settings.namespace)
 
-    def _camera(self, rig: Rig) -> PinholeCamera:
+    def _model(self, camera: str, mount: CameraMount) -> PinholeCamera:
         """By the bag's first usable CameraInfo, else by the description. Raises ValueError where images do not fit that."""
-        told = self._first(names.CAMERA, PinholeCamera.from_camera_info)
+        told = self._first(camera_topic(camera, names.CAMERA), PinholeCamera.from_camera_info)
         if told is not None:
             return told
-        image = self._first(names.IMAGE, image_from_message)
-        return rig.camera.model if image is None else rig.camera.model.scaled(image.shape[1], image.shape[0])
+        image = self._first(camera_topic(camera, names.IMAGE), image_from_message)
+        return mount.model if image is None else mount.model.scaled(image.shape[1], image.shape[0])
 
     def _first(self, name: str, read: Callable[[Any], Result]) -> Result | None:
         """What the first usable message of a topic holds, None without one; the pipeline notes the others."""

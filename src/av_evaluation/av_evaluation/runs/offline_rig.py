@@ -21,7 +21,7 @@ from av_bags import topics
 from av_common.frames import BASE_FRAME
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
-from av_common.rig import CameraMount, Mount
+from av_common.rig import CAMERAS, CameraMount, Mount
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline
@@ -72,14 +72,15 @@ class OfflineRig:
         history = GimbalHistory() if gimbal else None
         rotation_of = (fixed_rotations(rotations) if history is None
                        else gimbal_rotations(rotations, {'camera': camera.optical_to_body}, history))
-        converter, recorder = MeasurementConverter(rotation_of, camera=camera.model), RunRecorder()
+        converter, recorder = MeasurementConverter(rotation_of, cameras={CAMERAS[0]: camera.model}), RunRecorder()
         if detection is not None:
             detection.mount(rotation_of, camera.model)
         self.log: RunLog = recorder.log
         self.fusion = FusionStage(recording(tracker, self.log.events), converter, observer=recorder, gimbal=history)
         self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
         others = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
-        self._pipeline = Pipeline(self.hearing, detection, self.fusion, None, recorder, converter, self._publish, others)
+        seeing = {} if detection is None else {CAMERAS[0]: detection}
+        self._pipeline = Pipeline(self.hearing, seeing, self.fusion, None, recorder, converter, self._publish, others)
         self._heard = 0  # samples
 
     def on_samples(self, samples: NDArray, sample_rate: int, arrival: float) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, attitude_of, checked_orientation
 from av_common.gimbal_history import GimbalHistory
+from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body
@@ -26,7 +27,6 @@ from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 MOST_BOXES = 200    # of an image: four times as many as detector_node reports
 MOST_CLASSES = 100    # whose names are kept
-NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
 
 
 def fixed_rotations(rotations: Mapping[str, NDArray[np.float64]]) -> RotationOf:
@@ -56,39 +56,40 @@ class MeasurementConverter:
     """Converts `DoaArray` and `Detection2DArray` messages to measurements.
 
     Attributes:
-        camera: intrinsics of the camera of the newest CameraInfo, for detections in a frame of which none told; None while
-            unknown, and detections are not converted until then.
+        cameras: intrinsics of the rig's cameras that are known, by name; detections of others are not converted.
+        problems: reasons why the newest detections or CameraInfo of cameras could not be used, by the cameras' names.
         optical_frames: of the cameras by the names of their frames (x ahead), in which detections are refused.
-        problem: reason why the newest detections or CameraInfo could not be used; empty without one.
 
     Parameters:
         rotation_of: see `RotationOf`.
         target_classes: class names of detections that may be the target.
-        camera: initial value of the attribute; `set_camera_info` replaces it.
+        cameras: initial value of the attribute; `set_camera_info` replaces it.
     """
 
     def __init__(self, rotation_of: RotationOf, target_classes: Sequence[str] = (DRONE,),
-                 camera: PinholeCamera | None = None) -> None:
+                 cameras: Mapping[str, PinholeCamera] | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
         self._classes: set[str] = set()
-        self.camera = camera
+        self.cameras = dict(cameras or {})
         self.optical_frames: dict[str, str] = {}
-        self._cameras: dict[str, PinholeCamera] = {}  # by optical frame
-        self.problem = ''
+        self.problems: dict[str, str] = {}
 
-    def set_camera_info(self, message: Any) -> None:
-        """Take the camera model of a `sensor_msgs/CameraInfo`; one that cannot be used is reported in `problem`."""
+    def set_camera_info(self, message: Any, camera: str = CAMERAS[0]) -> None:
+        """Take the model of a camera; one that cannot be used is reported in `problems`.
+
+        Parameters:
+            message: a `sensor_msgs/CameraInfo`.
+            camera: the camera's name.
+        """
         try:
-            camera = PinholeCamera.from_camera_info(message)
+            model = PinholeCamera.from_camera_info(message)
         except ValueError as error:
-            self.problem = f'camera/camera_info: {error}'
+            self.problems[camera] = f'{_info(camera)}: {error}'
             return
-        self.problem = ''
-        frame = message.header.frame_id
-        if camera != self._cameras.get(frame):  # it comes with every image, and keeps what it has computed
-            self._cameras[frame] = camera
-        self.camera = self._cameras[frame]
+        self.problems.pop(camera, None)
+        if model != self.cameras.get(camera):  # it comes with every image, and keeps what it has computed
+            self.cameras[camera] = model
 
     @property
     def foreign_classes(self) -> list[str]:
@@ -101,13 +102,15 @@ class MeasurementConverter:
         rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
         return [] if rotation is None else doa_in_body(message, rotation)
 
-    def detections(self, message: Any, visibility: float = math.nan, searched: float = 1.0) -> CameraMeasurement | None:
+    def detections(self, message: Any, visibility: float = math.nan, searched: float = 1.0,
+                   camera: str = CAMERAS[0]) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.
 
         Parameters:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
             searched: share of the view that was searched where anything is detected; an image without stands for all of it.
+            camera: the camera's name.
 
         Raises ValueError where all boxes of target classes are impossible (such an image is no empty one), and for a frame that
         is no optical one.
@@ -116,20 +119,21 @@ class MeasurementConverter:
         if frame in self.optical_frames:
             raise ValueError(f'detections are in {frame!r}, which has x ahead, expected the optical frame '
                              f'{self.optical_frames[frame]!r} (z ahead): set frame_id of the camera driver')
-        camera = self._cameras.get(frame, self.camera)
-        if camera is None:
-            self.problem = self.problem or NO_CAMERA
+        model = self.cameras.get(camera)
+        if model is None:
+            self.problems.setdefault(camera, f'no {_info(camera)}: detections cannot be converted to bearings')
             return None
         time = to_seconds(message.header.stamp)
         rotation = self._rotation_of(frame, time)
         if rotation is None:
             return None
         return usable_camera(CameraMeasurement(
-            time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad,
-            visibility, rows_of(rotation @ camera.view @ FLU_TO_OPTICAL), frame,
+            time, self._detections(message, model, camera, rotation), 0.5 * model.horizontal_fov_rad,
+            0.5 * model.vertical_fov_rad, visibility, rows_of(rotation @ model.view @ FLU_TO_OPTICAL), camera,
             searched if message.detections else 1.0))
 
-    def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
+    def _detections(self, message: Any, model: PinholeCamera, camera: str, rotation: NDArray[np.float64]
+                    ) -> tuple[Detection, ...]:
         boxes = []
         for detection in message.detections:
             hypotheses = [result.hypothesis for result in detection.results]
@@ -141,24 +145,30 @@ class MeasurementConverter:
                 boxes.append((box.center.position.x, box.center.position.y, box.size_x, box.size_y, max(scores)))
         if not boxes:  # most images of a search
             return ()
-        table = objects(possible(np.array(boxes), camera))
-        return tuple(detections_in_body(camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))
+        table = objects(possible(np.array(boxes), model, camera))
+        return tuple(detections_in_body(model, table[:, :2], table[:, 2:4], table[:, 4], rotation))
 
 
-def possible(boxes: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64]:
+def _info(camera: str) -> str:
+    """The topic of the model of a camera."""
+    return camera_topic(camera, 'camera/camera_info')
+
+
+def possible(boxes: NDArray[np.float64], model: PinholeCamera, camera: str = CAMERAS[0]) -> NDArray[np.float64]:
     """The rows of boxes (n, 5) that may be objects in an image of a camera. Raises ValueError where none is.
 
     Parameters:
         boxes (n, 5): centre and size in pixels, score.
-        camera: intrinsics.
+        model: intrinsics.
+        camera: its name.
     """
     centres, sizes, scores = boxes[:, :2], boxes[:, 2:4], boxes[:, 4]
     # Of a box in shares of the image all values are below one pixel; one without size is a point.
     shares = ((boxes[:, :4] >= 0.0) & (boxes[:, :4] <= 1.0)).all(axis=1) & (sizes > 0.0).any(axis=1)
-    inside = (centres + 0.5 * sizes >= -0.5) & (centres - 0.5 * sizes <= (camera.width - 0.5, camera.height - 0.5))
+    inside = (centres + 0.5 * sizes >= -0.5) & (centres - 0.5 * sizes <= (model.width - 0.5, model.height - 0.5))
     checks = {'a score beyond 0 to 1': (scores >= 0.0) & (scores <= 1.0),
               'a negative size': (sizes >= 0.0).all(axis=1), 'shares of the image instead of pixels': ~shares,
-              f'a place outside the images of {camera.width} x {camera.height} pixels of camera/camera_info':
+              f'a place outside the images of {model.width} x {model.height} pixels of {_info(camera)}':
               inside.all(axis=1) & np.isfinite(boxes).all(axis=1)}
     kept = np.all(list(checks.values()), axis=0)
     if not kept.any():

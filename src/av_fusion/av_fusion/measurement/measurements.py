@@ -130,7 +130,7 @@ class CameraMeasurement(NamedTuple):
         half_view, half_height (rad): half of the field of view, horizontally and vertically.
         visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
         view: rotation of the camera (x through the middle of its field of view, z up in the image) on the body.
-        camera: name of its frame.
+        camera: its name.
         searched: share of the view that was searched.
     """
 

@@ -20,14 +20,23 @@ from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_common.rig import detections_topic, load_rig
+from av_common.rig import CAMERAS, camera_topic, camera_topics, load_rig
 from av_common.tf_rotations import TfRotations
 from av_common.track import DRONE
 from av_fusion.calibration.sighting_calibration import AT_LIMIT
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
-from av_fusion.stage import CLOCK_TOLERANCE_S, GIMBAL, RATE_HZ, FusionOutput, make_fusion_stage
+from av_fusion.stage import (
+    CLOCK_TOLERANCE_S,
+    DETECTIONS,
+    GIMBAL,
+    INFO,
+    RATE_HZ,
+    VISIBILITY,
+    FusionOutput,
+    make_fusion_stage,
+)
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -57,15 +66,14 @@ class FusionNode(RigNode):
         self._settings = self.settings
         self._rotations = TfRotations(self)
         rig = load_rig(self._settings.rig_file) if self._settings.rig_file else None
-        gimbal, cameras = (rig.gimbal, list(rig.cameras)) if rig else (None, ['camera'])
+        gimbal, self._cameras = (rig.gimbal, tuple(rig.cameras)) if rig else (None, CAMERAS[:1])
         self._gimbals = [GIMBAL] if gimbal else []
-        self._sights = {f'{camera}/camera_info': detections_topic(camera) for camera in cameras}
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
-                                        gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
+                                        gimbal=GimbalHistory() if gimbal else None, cameras=self._cameras)
         self._stage.converter.optical_frames = rig.optical_frames if rig else {}
         self._reporter = RigReporter()
         self._untransformed = 0
-        self._meters = {name: RateMeter() for name in ('doa', *self._sights.values(), 'odometry')}
+        self._meters = {name: RateMeter() for name in ('doa', *camera_topics(self._cameras, DETECTIONS), 'odometry')}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
         self._targets_publisher = self.create_publisher(TrackArray, 'targets', RESULT)
@@ -75,13 +83,14 @@ class FusionNode(RigNode):
     def activate(self) -> None:
         """Subscribe to the sensors."""
         stage = self._stage
-        for info in self._sights:
-            self.create_subscription(CameraInfo, info, stage.on_camera_info, STREAM)
-        self.create_subscription(Visibility, 'visibility', stage.on_visibility, STREAM)
+        for camera in self._cameras:
+            for kind, topic, note in ((CameraInfo, INFO, stage.on_camera_info), (Visibility, VISIBILITY, stage.on_visibility)):
+                self.create_subscription(kind, camera_topic(camera, topic), partial(note, camera=camera), STREAM)
         inputs: list[tuple[Any, str, Any, Any]] = [
             (DoaArray, 'doa', stage.on_doa, STREAM), (GimbalState, GIMBAL, stage.on_gimbal, STREAM),
             (PointingCommand, 'pointing/command', stage.on_command, RESULT)]
-        inputs += [(Detection2DArray, seen, partial(stage.on_detections, topic=seen), STREAM) for seen in self._sights.values()]
+        inputs += [(Detection2DArray, camera_topic(camera, DETECTIONS), partial(stage.on_detections, camera=camera), STREAM)
+                   for camera in self._cameras]
         inputs += [(PointStamped, 'target/cue', stage.on_cue, RESULT)] if self._settings.use_cues else []
         for kind, topic, take, quality in inputs:
             self.create_subscription(kind, topic, partial(self._use, topic, take), quality)
@@ -90,7 +99,8 @@ class FusionNode(RigNode):
         self.create_service(Trigger, '~/request_rotation', self._on_request_rotation)
         self.create_service(Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.create_timer(POSTERIOR_PERIOD_S, self._publish_posterior)
-        self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._gimbals, *self._sights, *self._sights.values(),
+        self.refuse_second_publishers('doa', 'odometry', *self._gimbals,
+                                      *camera_topics(self._cameras, DETECTIONS, INFO, VISIBILITY),
                                       tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
         self._timer = self.create_timer(1.0 / RATE_HZ, self._on_time)
 
@@ -161,7 +171,7 @@ class FusionNode(RigNode):
             status.add('uncertainty by the description (deg)', f'{math.degrees(math.sqrt(monitor.belief.in_body)):.1f}')
         if fault is not None:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_certain else DiagnosticStatus.WARN, str(fault))
-        for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
+        for problem in filter(None, (self._rotations.problem, *self._stage.converter.problems.values())):
             status.mergeSummary(DiagnosticStatus.ERROR, problem)
         late, self._untransformed = self._stage.untransformed - self._untransformed, self._stage.untransformed
         if late:

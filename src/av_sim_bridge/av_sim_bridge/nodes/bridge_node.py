@@ -17,7 +17,7 @@ from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rate_meter import MISSING_AFTER_S
-from av_common.rig import detections_topic
+from av_common.rig import camera_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
@@ -48,7 +48,7 @@ class BridgeNode(RigNode):
         for camera in self._stage.rig.cameras:
             topics |= {f'{camera}/image_raw': (Image, IMAGE), f'{camera}/camera_info': (CameraInfo, RESULT)}
             if self._settings.oracle_detections:
-                topics[detections_topic(camera)] = (Detection2DArray, RESULT)
+                topics[camera_topic(camera, 'detections')] = (Detection2DArray, RESULT)
         topics |= dict.fromkeys(self._stage.target_topics.values(), (Odometry, RESULT))
         if not self._settings.follow_odometry:
             topics['odometry'] = (Odometry, RESULT)
@@ -135,7 +135,7 @@ class BridgeNode(RigNode):
         if isinstance(result, StampedImage):
             self._images[camera].put(result)
         elif result is not None:
-            self._publish([(detections_topic(camera), result)])
+            self._publish([(camera_topic(camera, 'detections'), result)])
 
     def _on_command(self, command: PointingCommand) -> None:
         self._send_control(self._stage.on_command(command, Instant(time.monotonic(), self.now())))

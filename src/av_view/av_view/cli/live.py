@@ -20,7 +20,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.node import TfOdometry
 from av_common.qos import IMAGE, RESULT, STREAM
-from av_common.rig import Rig, detections_topic
+from av_common.rig import Rig
 from av_interfaces.msg import AudioFrame, DoaArray, GimbalState
 from av_view.doctor.cameras import draw_marker
 from av_view.doctor.finding import Finding
@@ -82,7 +82,7 @@ def subscribe(node: Node, rig: Rig, check: LiveCheck) -> None:
     node.create_subscription(DiagnosticArray, '/diagnostics', taking(check.on_diagnostics), RESULT)
     node.create_subscription(CameraInfo, 'camera/camera_info', taking(check.on_camera_info), STREAM)
     node.create_subscription(Image, 'camera/image_raw', taking(check.on_image), IMAGE)
-    node.create_subscription(Detection2DArray, detections_topic('camera'), taking(check.on_detections), STREAM)
+    node.create_subscription(Detection2DArray, 'detections', taking(check.on_detections), STREAM)
     if rig.gimbal is not None:
         node.create_subscription(GimbalState, 'gimbal/state', taking(
             lambda message: check.on_gimbal(message, 1e-9 * node.get_clock().now().nanoseconds)), STREAM)

@@ -24,7 +24,7 @@ from av_audio.messages import samples_of
 from av_common.angles import wrap
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.microphone_array import MicrophoneArray
-from av_common.rig import Rig
+from av_common.rig import CAMERAS, Rig
 from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.consistency.monitor import ConsistencyMonitor
@@ -295,7 +295,7 @@ class LiveCheck:
 
     def _judge_size(self, sides: list[float]) -> list[Finding]:
         """The focal length by the size of the marker, where that is known."""
-        camera = self._converter.camera
+        camera = self._converter.cameras.get(CAMERAS[0])
         if camera is None or not self._marker_side > 0.0:
             return []
         ratio = float(np.median(sides)) * self._distance / (self._marker_side * camera.fx)

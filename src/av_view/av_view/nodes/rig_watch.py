@@ -23,6 +23,7 @@ from av_common.guarded_node import Reader, check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
 from av_common.refused_inputs import BAD_INPUT
+from av_common.rig import CAMERAS
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import LATEST_S, TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
@@ -184,7 +185,7 @@ class RigWatch:
 
     def _look_through(self, frame: str, time: float) -> None:
         """Note how the camera is turned at the time (s) of a picture."""
-        model = self._converter.camera
+        model = self._converter.cameras.get(CAMERAS[0])
         rotation = None if model is None else self._rotations.rotation(frame, time)
         known = self._state.camera
         if model is None or rotation is None:
