@@ -39,6 +39,7 @@ PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 FOUND = 0.9
 SAMPLED = 16    # of so many rows one is compared first
 TURNED = math.radians(3.0)  # of a camera, after which no image is as before; attitudes have smaller errors
+FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
 LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 
@@ -134,7 +135,7 @@ class DetectionStage:
 
         An image in which nothing was detected gives an empty message only where all of the view has been searched within the
         last seconds, and every reported track was looked for in this image: then the absence of detections says something.
-        Otherwise it gives None.
+        Otherwise it gives None. So does an image that has been the same for more than FROZEN_S.
 
         Parameters:
             message: raw or compressed image; its stamp is the time of capture.
@@ -148,6 +149,8 @@ class DetectionStage:
         camera = self._camera_of(counts.shape[1], counts.shape[0])
         pose = self._pose(header.frame_id, time, camera)
         self._compare(counts, time, pose)
+        if self.unchanged > FROZEN_S:
+            return None, None
         image = self.shown = self._gain.apply(counts, time)
         image = 255 - image if self._black_hot else image
         detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))

@@ -145,13 +145,13 @@ def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(
 
 
 def test_a_camera_that_repeats_one_image_is_noticed(model):
-    """A frozen or covered camera; noise in one pixel is enough to be alive."""
+    """A frozen or covered camera; noise in one pixel is enough to be alive. Nothing that it shows is so for ever."""
     stage, image = make(model), np.full((416, 416, 3), 90, np.uint8)
-    for k in range(20):
-        stage.on_image(image_at(1.0 + 0.5 * k, image.copy()), 0.0)
+    found = [stage.on_image(image_at(1.0 + 0.5 * k, image.copy()), 0.0) for k in range(20)]
     assert stage.unchanged == 9.5
+    assert all(detections is not None for detections, _ in found[:11]) and found[11:] == [(None, None)] * 9
     image[411, 7, 1] += 1
-    stage.on_image(image_at(11.0, image), 0.0)
+    assert stage.on_image(image_at(11.0, image), 0.0)[0] is not None
     assert stage.unchanged == 0.0
 
 
@@ -223,14 +223,15 @@ def test_a_drone_that_no_region_held_is_not_reported_as_absent(monkeypatch):
         return Candidates(np.array([[130.0, 100.0, 170.0, 140.0]])[:held], probabilities[:held])
 
     monkeypatch.setattr(detector, 'candidates', candidates)
-    given = [stage.on_image(image_at(5.0 + k / 15.0, black), 5.0) for k in range(90)]
+    alive = [np.where(np.arange(512)[:, None, None] == k, 1, black).astype(np.uint8) for k in range(90)]
+    given = [stage.on_image(image_at(5.0 + k / 15.0, image), 5.0) for k, image in enumerate(alive)]
     answers = [answer for answer, _ in given]
     unsearched = [visibility.unsearched for _, visibility in given if visibility is not None]
     assert unsearched[0] == 0.0 and 0.5 < unsearched[-1] < 1.0    # one region of each image holds a small part of it
     counts = [len(answer.detections) for answer in answers if answer is not None]
     assert set(counts) == {1} and 30 < len(counts) < 90
     there = False
-    later = [stage.on_image(image_at(11.0 + k / 15.0, black), 11.0)[0] for k in range(60)]
+    later = [stage.on_image(image_at(11.0 + k / 15.0, alive[k]), 11.0)[0] for k in range(60)]
     assert any(answer is not None and not answer.detections for answer in later)
 
 

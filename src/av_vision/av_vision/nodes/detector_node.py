@@ -25,9 +25,7 @@ from av_vision.messages import image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.search import Pace
 from av_vision.sources.capture import STALE_S
-from av_vision.stage import make_detection_stage
-
-FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
+from av_vision.stage import FROZEN_S, make_detection_stage
 
 
 class DetectorNode(RigNode):
@@ -148,7 +146,7 @@ class DetectorNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
         elif self._stage.unchanged > FROZEN_S:
             status.mergeSummary(DiagnosticStatus.WARN, f'the same image for {self._stage.unchanged:.0f} s, to the bit: is the '
-                                'camera frozen or covered?')
+                                'camera frozen or covered? It is not used')
 
 
 def main() -> None:
