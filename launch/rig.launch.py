@@ -46,6 +46,7 @@ from av_bringup.supervision import RESPAWN, Supervision
 from av_common.launched import RUN_FOLDER
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameter_files import parameters_for
+from av_common.parameters import node_parameters
 from av_common.playback import Player, plan_playback
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
@@ -252,7 +253,10 @@ def hardware(arguments: Arguments) -> list[ExecuteProcess]:
 
 
 def report_nodes(arguments: Arguments) -> list[ExecuteProcess]:
-    """The node that reports targets, or an empty list where nobody is named. Raises MissingPackageError."""
+    """The node that reports targets, or an empty list where nobody is named.
+
+    Raises MissingPackageError, or ValueError for an address that is none.
+    """
     peers = {}
     for name, parameter, _, module in REPORTS:
         if arguments[name]:
@@ -261,6 +265,8 @@ def report_nodes(arguments: Arguments) -> list[ExecuteProcess]:
                 package = module.replace('_', '-')
                 raise MissingPackageError(package, f'{name}:={arguments[name]}', f'pip install {package}')
             peers[parameter] = arguments[name]
+    if peers:
+        node_parameters('av_reports', 'report_node', overrides=peers)
     if arguments['track_log']:
         make_folder('track_log', arguments['track_log'])
     return [rig_node(arguments, 'av_reports', 'report_node', peers)] if peers else []

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from bag_messages import flight
 from launch import LaunchContext
 from rig_process import RigProcess
 
@@ -125,6 +126,22 @@ def test_recordings_and_arrays_that_cannot_be_used_are_refused_before_anything_s
         assert words in refused('source:=file', *arguments.format(tmp_path).split()), arguments
 
 
+@pytest.mark.parametrize(('given', 'words'), [
+    ({'start': '99'}, 'start is 99 s, and the bag has 1.0 s'), ({'model': 'nosuch'}, 'expected an ONNX file or one of shipped'),
+    ({'rate': '-1'}, 'player_node: Value -1.0 in parameter')])
+def test_a_replay_of_nothing_is_refused(replay_file, tmp_path, given, words):
+    values = {name: default or '' for name, (default, _, _) in replay_file.ARGUMENTS.items()}
+    bag = flight(tmp_path / 'flight.mcap', duration=1.0)
+    with pytest.raises(ValueError, match=words):
+        replay_file.start({**values, 'bag': str(bag), RUN_FOLDER: str(tmp_path), **given})
+
+
+def test_a_recording_that_exists_is_not_flown_without(refused, tmp_path):
+    """The rig flew, and its recorder was given up."""
+    (tmp_path / 'first.mcap').touch()
+    assert 'first.mcap exists already' in refused('source:=hardware', f'record:={tmp_path}/first.mcap')
+
+
 def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
     file = tmp_path / 'mine.yaml'
     text = (Path(__file__).resolve().parents[1] / 'config/scenarios/circle.yaml').read_text()
@@ -134,6 +151,7 @@ def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
 
 @pytest.mark.parametrize(('argument', 'complaint'), [
     ('drone_recording:=/no/such.wav', 'drone_recording:=/no/such.wav: no such file'),
+    ('cot:=http://x', "report_node: cot.url is 'http://x', expected udp://"),
     ('duration:=soon', "duration is 'soon'"),
     ('duration:=-3', "duration is '-3', expected seconds"),
     ('port_offset:=2.5', "port_offset is '2.5', expected a whole number"),

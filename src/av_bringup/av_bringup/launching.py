@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from shutil import rmtree
@@ -39,7 +40,7 @@ from av_bringup.supervision import RESPAWN
 from av_common.files import nearest
 from av_common.launched import RUN_FOLDER
 from av_common.microphone_array import MicrophoneArray
-from av_common.parameters import check_parameter_file
+from av_common.parameters import check_parameter_file, parameter_names
 from av_common.rig import CAMERAS, camera_topic, load_rig
 
 CONFIG = Path(get_package_share_directory('av_bringup')) / 'config'
@@ -258,7 +259,13 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
         executable: name of the program, which is the node's name, too
         parameters: parameters that this launch sets
         options: further arguments of LaunchedNode
+
+    Raises ValueError for a value that the node would refuse.
     """
+    try:
+        parameter_names(f'{package}.nodes.{executable}', parameters)
+    except ValueError as error:
+        raise ValueError(f'{executable}: {error}') from error
     time = {'use_sim_time': True} if BAG_TIME in arguments else {}
     files = [str(CONFIG / 'rig_params.yaml'), {**parameters, **time}, *filter(None, [arguments['params']])]
     return LaunchedNode(arguments, executable, package=package, parameters=files, **{'output': 'log', **RESPAWN, **options})
@@ -366,12 +373,17 @@ def camera_node(arguments: Arguments, executable: str, camera: str, parameters: 
 
 
 def recorder_nodes(arguments: Arguments) -> list[Node]:
-    """The recorder; with `bags` alone it waits until the page starts it. Empty without both. Raises MissingPackageError."""
+    """The recorder; with `bags` alone it waits until the page starts it. Empty without both.
+
+    Raises MissingPackageError, or FileExistsError for a bag that exists.
+    """
     record, bags = arguments['record'], arguments['bags']
     if not record and not bags:
         return []
     require(f'record:={record}' if record else f'bags:={bags}', 'av_bags')
     path = record or str(Path(bags) / BAG_NAME)
+    if record and Path(named := datetime.now().strftime(record)).exists():
+        raise FileExistsError(f'record:={record}: {named} exists already, expected a new file such as flight_%H%M%S.mcap')
     return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': path, 'autostart': bool(record)})]
 
 

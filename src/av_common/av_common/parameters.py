@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec, module_from_spec
@@ -83,8 +82,8 @@ def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
         for module in programs:
             try:
                 known |= parameter_names(module, parameters)
-            except (ParameterException, ValueError) as error:
-                mistakes.append(f'{path}: {_reason(error)}')
+            except ValueError as error:
+                mistakes.append(f'{path}: {error}')
                 known |= parameter_names(module)
         for name in parameters:
             if name not in known and not name.startswith(QOS_OVERRIDES):
@@ -107,12 +106,16 @@ def parameter_names(module: str, given: Mapping[str, Any] = MappingProxyType({})
         module: of the node, which is not imported: some take seconds.
         given: values by names.
 
-    Raises rclpy's ParameterException or ValueError for a value of another type or out of its bounds.
+    Raises ValueError for a value of another type or out of its bounds.
     """
     name = module.rpartition('.')[2]
     declarations = _Declarations(given)
-    with suppress(ModuleNotFoundError):    # a node without parameters of its own
+    try:
         getattr(_own_module(f'{module}_parameters'), name).ParamListener(declarations)
+    except ModuleNotFoundError:    # a node without parameters of its own
+        pass
+    except (ParameterException, ValueError) as error:
+        raise ValueError(_reason(error)) from error
     return declarations.names | frozenset(COMMON)
 
 

@@ -57,6 +57,8 @@ class PlayerNode(RigNode):
     def configure(self) -> None:
         """Open the bag and the publishers. Raises BagError when there is nothing to play."""
         self._settings = settings = self.settings
+        if not settings.bag:
+            raise BagError('bag is empty, expected a file or folder to play')
         self._open(settings.bag, settings.position)
         played = self._wanted() if settings.bags else self._topics
         self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -35,20 +36,10 @@ class NetworkNode(RigNode):
         super().__init__('network_node', parameters)
 
     def configure(self) -> None:
-        """Build the stage from the parameters. Raises ValueError for those that contradict each other."""
+        """Build the stage from the parameters. Raises ValueError where no rig is named yet, and none may join."""
         p = self.settings
-        given = [name.rstrip('/') for name in p.rigs if name.strip('/')]
-        self._topics = {name.lstrip('/'): name for name in given}
+        self._topics, places, datum = _network(p)
         names = list(self._topics)
-        if not (names or p.join) or len(names) < len(given):
-            raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right], or join')
-        if p.join and (len(p.pose_sources) != 1 or p.pose_sources[0] == SURVEYED):
-            raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
-        places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
-        given_datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
-        datum = given_datum if any(given_datum[:2]) else Datum()
-        if any(place.source == FIX for place in places) and not datum.known:
-            raise ValueError('pose_sources has fix, which needs latitude, longitude and altitude of datum')
         rigs = [self._rig(name, not index) for index, name in enumerate(names)]
         self._stage = NetworkStage(rigs, places, datum)
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
@@ -57,6 +48,12 @@ class NetworkNode(RigNode):
         self._cues = {name: self.create_publisher(PointStamped, f'{self._topics[name]}/target/cue', RESULT)
                       for name in names if p.cue}
         self._published = 0
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Lists must fit the number of rigs, and sources of positions what is known."""
+        if settings.join or any(name.strip('/') for name in settings.rigs):    # else `configure` says so
+            _network(settings)
 
     def activate(self) -> None:
         """Subscribe to all rigs."""
@@ -131,6 +128,22 @@ class NetworkNode(RigNode):
         if silent:
             status.mergeSummary(DiagnosticStatus.WARN, f'nothing from {", ".join(silent)}')
         status.add('tracks', str(self._published))
+
+
+def _network(p: Any) -> tuple[dict[str, str], list[RigPlace], Datum]:
+    """Namespaces of the rigs by name, their places, and the datum. Raises ValueError for what contradicts each other."""
+    given = [name.rstrip('/') for name in p.rigs if name.strip('/')]
+    topics = {name.lstrip('/'): name for name in given}
+    if not (topics or p.join) or len(topics) < len(given):
+        raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right], or join')
+    if p.join and (len(p.pose_sources) != 1 or p.pose_sources[0] == SURVEYED):
+        raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
+    places = _places(len(topics), list(p.positions), list(p.pose_sources), list(p.headings_deg))
+    given_datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
+    datum = given_datum if any(given_datum[:2]) else Datum()
+    if any(place.source == FIX for place in places) and not datum.known:
+        raise ValueError('pose_sources has fix, which needs latitude, longitude and altitude of datum')
+    return topics, places, datum
 
 
 def _places(count: int, positions: list[float], sources: list[str], headings: list[float]) -> list[RigPlace]:
