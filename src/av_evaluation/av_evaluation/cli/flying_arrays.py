@@ -16,10 +16,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--turn', type=float, default=0.0, metavar='DEG',
                         help='turn of the frame of the truth about z from that of the positions; '
                              '180 for the flights of both (default: %(default)s)')
-    parser.add_argument('--most', type=int, default=400, help='largest number of frames (default: %(default)s)')
     options = parser.parse_args(arguments)
     try:
-        for figure in flying_arrays(options.folder, options.turn, max(1, options.most)):
+        for figure in flying_arrays(options.folder, options.turn):
             print(figure, flush=True)
     except (OSError, ValueError, KeyError, NotImplementedError) as error:
         parser.exit(1, f'flying_arrays: {error}\n')

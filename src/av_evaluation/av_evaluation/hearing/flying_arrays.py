@@ -43,6 +43,7 @@ FRAME_S, HOP_S = 0.5, 0.25  # of the competition
 HIT_DEG = 10.0  # of the competition
 SETTINGS = LocalizerSettings(window_s=FRAME_S, hop_s=FRAME_S, elevation_deg=(-90.0, 90.0))
 GRID_STEP = 3.0  # deg, of the directions of SRP
+MOST_FRAMES = 400  # that are computed, evenly taken: some minutes
 
 
 class Frame(NamedTuple):
@@ -124,18 +125,17 @@ def _dregon(sound: Path, truth: Path) -> Iterator[Frame]:
             yield Frame(samples[start:start + round(FRAME_S * rate)], rate, directions[k])
 
 
-def flying_arrays(folder: Path, turn_deg: float, most: int) -> Iterator[Figure]:
+def flying_arrays(folder: Path, turn_deg: float) -> Iterator[Figure]:
     """Directions within 10 degrees, and those that are confident and farther off.
 
     Parameters:
         folder: of DREGON or of the competition.
         turn_deg (deg): by which the frame of the truth is turned about z from that of the positions.
-        most: largest number of frames, evenly taken.
     """
     array, frames = read_array(folder), list(read_frames(folder))
     if not frames:
         raise FileNotFoundError(f'{folder} has no recording with the direction of its source')
-    frames = frames[::max(1, len(frames) // most)]
+    frames = frames[::max(1, len(frames) // MOST_FRAMES)]
     turned = MicrophoneArray(array.positions @ rotation_from_rpy(0.0, 0.0, np.radians(turn_deg)).T, array.name)
     alone, rate = read_alone(folder), frames[0].rate
     angles = np.meshgrid(np.arange(-180.0, 180.0, GRID_STEP), np.arange(-90.0, 90.1, GRID_STEP))
