@@ -21,6 +21,7 @@ from udp_ports import free_offset
 from av_bags.reader import Bag
 from av_bringup.launching import launched_nodes
 from av_common.launched import RUN_FOLDER
+from av_vision.methods import DETECTORS
 
 # Whose pages are walked in whole; what is not run, and why.
 PAGES = ('first_run.md', 'microphones_and_camera.md', 'own_recording.md', 'own_method.md', 'on_a_drone.md')
@@ -108,6 +109,7 @@ def test_a_method_is_named_as_the_rig_accepts_it(launch_file, tmp_path, monkeypa
     """What the page compares, and installs, is in test_own_method.py."""
     monkeypatch.chdir(PROJECT)
     assert '/doa_node' in planned(launch_file, typed('own_method.md', 'rig.launch.py .*own_method/params.yaml'))
+    monkeypatch.setitem(DETECTORS._places, 'dark_specks', 'own_method:dark_specks')  # as if it were installed
     assert '/detector_node' in planned(launch_file, typed('own_method.md', 'rig.launch.py .*model:=dark_specks'))
 
 
