@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 from numpy.typing import NDArray
 
+from av_common.arguments import not_negative, whole
 from av_common.parameters import node_parameters
 from av_common.track import DRONE
 from av_vision.drawing import draw
@@ -94,10 +95,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--classes', default='', metavar='A,B', help='classes of the model to be reported as drone, '
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
-    parser.add_argument('--size', type=int, default=0, help='longer side of the image for the network (dynamic models)')
+    parser.add_argument('--size', type=whole, default=0, help='longer side of the image for the network (dynamic models)')
     parser.add_argument('--no-temporal-fusion', dest='temporal_fusion', action='store_false',
                         help='treat images independently, for a folder of unrelated images')
-    parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
+    parser.add_argument('--rate', type=not_negative, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--csv', action='store_true', help='rows with a header (the default)')
     form.add_argument('--json', action='store_true', help='one JSON object per row')

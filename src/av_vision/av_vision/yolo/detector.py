@@ -60,10 +60,10 @@ class Detector:
         self.near = self._near_model(Path(model_path))
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
-        for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
+        for given, known in ((settings.rename, self.model.class_names), (settings.keep, names)):
             if unknown := sorted(set(given) - set(known)):
-                raise ModelError(f'{name} has unknown names {unknown}: keep_classes of detector_node, --classes of detect '
-                                 f'name those that are drones; {model_path} has {sorted(set(known))}')
+                raise ModelError(f'{model_path} has the classes {sorted(set(known))}, not {unknown}: name those that are '
+                                 'drones by keep_classes of detector_node, --classes of detect')
         # Classes of one name are merged, so that one object with the classes bird and kite gives one detection.
         self._names = list(dict.fromkeys(names))
         self._classes = [[i for i, other in enumerate(names) if other == name] for name in self._names]
