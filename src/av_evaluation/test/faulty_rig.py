@@ -18,22 +18,23 @@ from av_evaluation.faults.faulty_rig import Faults
 
 @dataclass
 class FaultyRig(FormulaRig):
-    """See `Faults`. Its camera is fixed on the body."""
+    """See `Faults`. Its cameras are fixed on the body; those of sight are of the camera `faulty`."""
 
     faults: Faults = field(default_factory=Faults)
+    faulty: str = 'camera'
     _first: Any = None  # orientation
 
     def _rotation_of(self, frame: str, time: float) -> NDArray | None:
         described = super()._rotation_of(frame, time)
-        if frame != 'camera' or described is None:
+        if frame != self.faulty or described is None:
             return described
         return Rotation.from_euler('z', -self.faults.camera_yaw_deg, degrees=True).as_matrix() @ described
 
-    def pixel(self, t: float, source: int = 0) -> NDArray | None:
+    def pixel(self, t: float, source: int = 0, camera: str = 'camera') -> NDArray | None:
         """The place in the image as it is sent."""
-        place, wrong = super().pixel(t, source), self.faults
-        if place is None:
-            return None
+        place, wrong = super().pixel(t, source, camera), self.faults
+        if place is None or camera != self.faulty:
+            return place
         roll = math.radians(wrong.rolled_deg + 180.0 * wrong.upside_down)
         turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
         place = CENTRE + wrong.focal * np.array([-1.0 if wrong.mirrored else 1.0, 1.0]) * (turn @ (place - CENTRE))
@@ -58,7 +59,7 @@ class FaultyRig(FormulaRig):
             message.pose.pose.orientation = self._first
             if wrong.stuck:
                 message.twist.twist.angular = vector(np.zeros(3))
-        elif kind in ('detections', 'visibility') and wrong.late:
+        elif kind in ('detections', 'visibility') and message.header.frame_id == self.faulty and wrong.late:
             message.header.stamp = to_stamp(to_seconds(message.header.stamp) + wrong.late)
             takes = max(takes, wrong.late + 0.02)
         super().send(kind, message, captured, takes)

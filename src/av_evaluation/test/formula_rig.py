@@ -133,6 +133,8 @@ class FormulaRig:
         array: 'pair', 'square' or 'eight'.
         path: position (3; m) of the rig in the world.
         camera: rotation of the camera (x along its axis) on the body.
+        others: those of further cameras, by their names.
+        sees: whether a camera, by its name, shows anything.
         gimbal: what carries a camera that turns on the body; None where it is fixed.
         sound, sight, odometry: whether the sensor sends messages.
         visibility: of images, None where nothing is reported of it.
@@ -150,6 +152,8 @@ class FormulaRig:
     path: Callable[[float], NDArray] = lambda t: np.zeros(3)
     array: str = 'pair'
     camera: Callable[[float], Rotation] = lambda t: Rotation.identity()
+    others: dict[str, Callable[[float], Rotation]] = field(default_factory=dict)
+    sees: Callable[[str, float], bool] = lambda camera, t: True
     gimbal: GimbalMount | None = None
     sound: Callable[[float], bool] = always
     sight: Callable[[float], bool] = always
@@ -171,7 +175,10 @@ class FormulaRig:
         self.random = np.random.default_rng([11, self.seed])
         self.moments: list[Moment] = []
         self.measured: list[tuple[float, str, float]] = []
-        self.misaligned = FOCAL * MOUNT_SIGMA * self.random.normal(size=2)
+        self.cameras = {'camera': self.camera, **self.others}
+        others = np.random.default_rng([13, self.seed])
+        self.misaligned = {camera: FOCAL * MOUNT_SIGMA * (others if camera in self.others else self.random).normal(size=2)
+                           for camera in self.cameras}
         self._lasts = self.lasting * np.random.default_rng([12, self.seed]).normal(size=3)
         self._numbers, self._steps = count(), 0
         self._queue: list[tuple[float, int, str, Any]] = []
@@ -179,10 +186,11 @@ class FormulaRig:
         carried: dict[str, Any] = {}
         if self.gimbal is not None:
             carried = {'gimbal': GimbalHistory(), 'tracker': make_tracker(given, self.gimbal)}
-        self.stage = make_fusion_stage(given, self._rotation_of, **carried)
-        self.stage.on_camera_info(CameraInfo(
-            width=WIDTH, height=HEIGHT, distortion_model='plumb_bob', d=[0.0] * 5,
-            k=[FOCAL, 0.0, CENTRE[0], 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0]))
+        self.stage = make_fusion_stage(given, self._rotation_of, cameras=tuple(self.cameras), **carried)
+        for camera in self.cameras:
+            self.stage.on_camera_info(CameraInfo(
+                width=WIDTH, height=HEIGHT, distortion_model='plumb_bob', d=[0.0] * 5,
+                k=[FOCAL, 0.0, CENTRE[0], 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0]), camera)
 
     @property
     def now(self) -> float:
@@ -218,10 +226,11 @@ class FormulaRig:
             self.stage.on_odometry(message, arrival)
             self.on_pose(message, now)
         elif kind == 'visibility':
-            self.stage.on_visibility(message)
+            self.stage.on_visibility(message, message.header.frame_id)
+        elif kind == 'detections':
+            self._note(self.stage.on_detections(message, arrival, message.header.frame_id))
         else:
-            take = {'doa': self.stage.on_doa, 'detections': self.stage.on_detections, 'gimbal': self.stage.on_gimbal}[kind]
-            self._note(take(message, arrival))
+            self._note({'doa': self.stage.on_doa, 'gimbal': self.stage.on_gimbal}[kind](message, arrival))
 
     def send(self, kind: str, message: Any, captured: float, takes: float) -> None:
         """Put a message on its way; it was captured at a time (s) and takes some (s)."""
@@ -232,8 +241,8 @@ class FormulaRig:
             heapq.heappush(self._queue, (arrival, next(self._numbers), kind, message))
 
     def _rotation_of(self, frame: str, time: float) -> NDArray | None:
-        if frame == 'camera':
-            return self.camera(time - START).as_matrix() @ OPTICAL.T
+        if frame in self.cameras:
+            return self.cameras[frame](time - START).as_matrix() @ OPTICAL.T
         return np.eye(3) if frame == 'microphones' else None
 
     def _note(self, output: FusionOutput | None) -> None:
@@ -252,7 +261,8 @@ class FormulaRig:
             state.header.stamp, state.header.frame_id = to_stamp(START + t), BASE_FRAME
             self.send('gimbal', state, t, 0.0)
         if self._steps % round(IMAGE_PERIOD / STEP) == 0 and self.sight(t):
-            self._see(t)
+            for camera in self.cameras:
+                self._see(t, camera)
         if self._steps % round(HOP / STEP) == 0 and self.sound(t) and t >= WINDOW:
             self.send('doa', self.doa(t - 0.5 * WINDOW), t - 0.5 * WINDOW, SOUND_TAKES)
 
@@ -314,18 +324,18 @@ class FormulaRig:
         return [Doa(azimuth=azimuth, elevation=up, direction=vector(unit(math.degrees(azimuth), math.degrees(up))), **values)
                 for azimuth, up in places]
 
-    def _see(self, t: float) -> None:
+    def _see(self, t: float, camera: str) -> None:
         message = Detection2DArray()
-        message.header.stamp, message.header.frame_id = to_stamp(START + t), 'camera'
+        message.header.stamp, message.header.frame_id = to_stamp(START + t), camera
         clear = 1.0 if self.visibility is None else self.visibility(t)
         for number, source in enumerate(self.sources):
-            place = self.pixel(t, number)
-            if place is not None and source.seen(t) and self.random.random() < self.detection_probability * clear:
-                place = place + PIXEL_SIGMA * self.random.normal(size=2) + self.misaligned
+            place = self.pixel(t, number, camera) if source.seen(t) and self.sees(camera, t) else None
+            if place is not None and self.random.random() < self.detection_probability * clear:
+                place = place + PIXEL_SIGMA * self.random.normal(size=2) + self.misaligned[camera]
                 message.detections.append(detection(place[0], place[1], source.score))
                 if number == 0:
                     ray = OPTICAL.T @ [*((place - CENTRE) / FOCAL), 1.0]
-                    self.measured.append((t + SIGHT_TAKES, 'sight', azimuth_of(self.camera(t).apply(ray))))
+                    self.measured.append((t + SIGHT_TAKES, 'sight', azimuth_of(self.cameras[camera](t).apply(ray))))
         for _ in range(self.random.poisson(self.sight_clutter)):
             message.detections.append(detection(self.random.uniform(0, WIDTH), self.random.uniform(0, HEIGHT),
                                                 self.random.uniform(0.2, 0.5)))
@@ -335,9 +345,9 @@ class FormulaRig:
             self.send('visibility', note, t, SIGHT_TAKES)
         self.send('detections', message, t, SIGHT_TAKES)
 
-    def pixel(self, t: float, source: int = 0) -> NDArray | None:
-        """Column and row (2,) of a source in the image; None where it is not in view."""
-        x, y, z = OPTICAL @ self.camera(t).inv().apply(self.body(t, source))
+    def pixel(self, t: float, source: int = 0, camera: str = 'camera') -> NDArray | None:
+        """Column and row (2,) of a source in the image of a camera; None where it is not in view."""
+        x, y, z = OPTICAL @ self.cameras[camera](t).inv().apply(self.body(t, source))
         if z <= 0.0:
             return None
         place = FOCAL / z * np.array([x, y]) + CENTRE

@@ -413,5 +413,6 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
     converter = MeasurementConverter(rotation_of, cameras=models)
     check = parameters.setup_check
     tracker = tracker or make_tracker(parameters)
-    monitor = ConsistencyMonitor(tracker.motion, parameters.sound_delay, parameters.sight_delay) if check != 'off' else None
+    delays = parameters.sound_delay, parameters.sight_delay
+    monitor = ConsistencyMonitor(tracker.motion, *delays, cameras) if check != 'off' else None
     return FusionStage(tracker, converter, observer, gimbal, cameras, monitor, check == 'stop')

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple, TypeVar
 
+from av_common.rig import CAMERAS
 from av_fusion.measurement.vectors import IDENTITY, Rows, Vector, angles, dot
 
 LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
@@ -140,7 +141,7 @@ class CameraMeasurement(NamedTuple):
     half_height: float = 0.5
     visibility: float = math.nan
     view: Rows = IDENTITY
-    camera: str = ''
+    camera: str = CAMERAS[0]
     searched: float = 1.0
 
     @property
