@@ -130,6 +130,7 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
+        measurement = self._calibration.align(time, measurement)
         self._images[measurement.camera] = measurement
         recent = [one for one in self._images.values() if abs(one.time - measurement.time) <= SIGHT_TIMEOUT_S]
         self._image = max(recent, key=lambda one: one.visibility if math.isfinite(one.visibility) else -1.0)

@@ -6,11 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
+from av_common.rig import CAMERAS
 from av_fusion.calibration.array_calibration import SIGMAS, ArraySelfCalibration
+from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import angles, direction, rows_of
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_fusion.tracks.motion import Elevation, MotionModel
 from av_fusion.tracks.settings import FilterSettings
@@ -140,3 +145,28 @@ def test_a_corrected_direction_keeps_all_else_that_was_measured():
     corrected = calibration.corrected(given)
     assert corrected.cone.axis != given.cone.axis
     assert corrected._replace(hypotheses=given.hypotheses, cone=given.cone) == given
+
+
+@pytest.mark.parametrize('on_gimbal', [False, True])
+def test_a_second_camera_is_aligned_with_the_first(on_gimbal):
+    """Its frame is turned by 3 deg to the left and 1 deg up; both turn on the body where a gimbal carries them."""
+    motion, random, wrong = RigMotion(), np.random.default_rng(4), Rotation.from_euler('zy', [3.0, -1.0], degrees=True)
+    calibration = SightingCalibration(True, 0.0, motion)
+    for k in range(400):
+        time = 0.05 * k
+        yaw, pan = 0.4 * math.sin(0.9 * time), 0.5 * math.sin(0.7 * time) * on_gimbal
+        motion.add(Pose.level(time, yaw, 0.36 * math.cos(0.9 * time)))
+        ray = Rotation.from_euler('z', -yaw - pan).apply(direction(0.09 * math.sin(time), 0.09)) + random.normal(0.0, 2e-3, 3)
+        ray = ray if k % 2 == 0 else wrong.inv().apply(ray)
+        mount = Rotation.from_euler('z', pan)
+        azimuth, elevation = angles(tuple(mount.apply(ray)))
+        image = CameraMeasurement(time, (Detection(azimuth, 1e-5, 0.9, elevation, 1e-5),), view=rows_of(mount.as_matrix()),
+                                  camera=CAMERAS[k % 2])
+        seen = calibration.align(time, image)
+        assert k % 2 or seen is image
+    x, y, z = np.degrees(calibration.cameras[CAMERAS[1]].values)
+    assert abs(x) < 1.0 and abs(y + 1.0) < 0.2 and abs(z - 3.0) < 0.2
+    seen = calibration.align(time, image)
+    expected = Rotation.from_euler('z', pan) * wrong
+    assert np.allclose(direction(seen.detections[0].azimuth, seen.detections[0].elevation), expected.apply(ray), atol=4e-3)
+    assert np.allclose(seen.view, expected.as_matrix(), atol=0.02)

@@ -7,9 +7,7 @@ target, the true direction is known:
 
 with d, e the target's azimuth from the nominal axis and its elevation, o the offset of the axis, s the relative error of the
 baseline (or of the speed of sound), b the effect of a delay between the channels, and Legendre polynomials P2, P3 for a body
-that bends the delays smoothly. Recursive least squares with exponential forgetting (Ljung, System Identification, 1999,
-eq. 11.12) estimates the five parameters. The prior is the array as described; forgetting returns to this prior
-(stabilised forgetting, Kulhavy and Zarrop 1993), so that parameters that are not excited keep their prior value.
+that bends the delays smoothly. These five parameters are learnt.
 """
 
 from __future__ import annotations
@@ -18,56 +16,26 @@ import math
 from operator import mul
 
 import numpy as np
-from numpy.typing import NDArray
 
 from av_common.quaternions import quaternion_of, rotation
+from av_fusion.calibration.self_calibration import MEMORY_S, SelfCalibration
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
 from av_fusion.measurement.vectors import turned
 
-SIGHT_CORRELATION_S = 5.0  # errors of the camera's calibration persist; comparisons within this time are not independent
-LEAST_CONFIDENCE = 0.5  # of detections and of directions of arrival that are compared
 NAMES = ('axis offset', 'baseline scale', 'channel delay', 'curvature 2', 'curvature 3')
 SIGMAS = np.array([math.radians(5.0), 0.05, 0.02, 0.02, 0.02])  # of their prior: rad, then relative to the cosine
-BOUNDS = 2.0 * SIGMAS  # largest corrections
-GATE = 4.0  # largest innovation of a comparison that is used, in standard deviations
-MEMORY_S = 60.0  # time constant of forgetting
+UNITS = ((math.degrees(1.0), 'deg'), *(((100.0, '%'),) * 4))
 
 
-class ArraySelfCalibration:
-    """Recursive estimate of the array's parameters: `compare` updates it, `corrected` applies it.
+class ArraySelfCalibration(SelfCalibration):
+    """Estimate of the array's parameters: `compare` updates it, `corrected` applies it.
 
     Parameters:
         memory (s): time constant of forgetting.
-
-    Attributes:
-        compared: number of comparisons used so far.
     """
 
     def __init__(self, memory: float = MEMORY_S) -> None:
-        self._memory = memory
-        self._prior = np.diag(1.0 / SIGMAS**2)  # information matrix
-        self._gained = np.zeros_like(self._prior)  # information beyond the prior
-        self._covariance = np.linalg.inv(self._prior)
-        self._vector = np.zeros(len(NAMES))
-        self._time = -math.inf
-        self._values = [0.0] * len(NAMES)
-        self.compared = 0
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """The parameters (5,), in the order of NAMES."""
-        return np.array(self._values)
-
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """Standard deviations of the parameters (5,)."""
-        return np.sqrt(np.diag(self._covariance))
-
-    @property
-    def at_limit(self) -> list[str]:
-        """Names of the parameters that are learnt, and would be corrected by more than is permitted."""
-        learnt = self.sigmas < 0.5 * SIGMAS
-        return [name for name, stands in zip(NAMES, learnt & (np.abs(self.values) >= BOUNDS), strict=True) if stands]
+        super().__init__(NAMES, SIGMAS, UNITS, memory)
 
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:
@@ -85,23 +53,8 @@ class ArraySelfCalibration:
         if not (math.isfinite(measured) and 0.0 < variance < math.inf):
             return False
         slopes = sensitivities(azimuth, elevation)
-        row = np.array(slopes)
         residual = measured - math.cos(azimuth) * math.cos(elevation)
-        seconds = min(max(time - self._time, 0.01), SIGHT_CORRELATION_S)
-        variance += seen_variance * slopes[0] ** 2 * SIGHT_CORRELATION_S / seconds
-        spread = float(row.dot(self._covariance).dot(row)) + variance
-        if (residual - sum(map(mul, slopes, self._values))) ** 2 > GATE**2 * spread:
-            return False
-        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self._memory)
-        self._time = max(self._time, time)
-        weighed = row / variance
-        self._gained = kept * self._gained + row[:, None] * weighed
-        self._vector = kept * self._vector + residual * weighed
-        self._covariance = np.linalg.inv(self._prior + self._gained)
-        values = self._covariance.dot(self._vector)
-        self._values = np.minimum(np.maximum(values, -BOUNDS), BOUNDS).tolist()
-        self.compared += 1
-        return True
+        return self.learn(time, [slopes], [residual], [variance], [seen_variance * slopes[0] ** 2])
 
     def correct(self, measured: float, azimuth: float) -> tuple[float, float]:
         """Cosines that the nominal array would have measured for a level target and for its mirror image.
@@ -124,12 +77,6 @@ class ArraySelfCalibration:
         axis = turned(rotation(quaternion_of((0.0, 0.0, 0.5 * (left - right)))), cone.axis)
         moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
         return measurement._replace(hypotheses=moved.images(), cone=moved)
-
-    def describe(self) -> dict[str, str]:
-        """The parameters with their standard deviations, as texts for diagnostics."""
-        units = ((math.degrees(1.0), 'deg'), *(((100.0, '%'),) * 4))
-        return {name: f'{scale * value:+.2f} +- {scale * sigma:.2f} {unit}'
-                for name, value, sigma, (scale, unit) in zip(NAMES, self.values, self.sigmas, units, strict=True)}
 
 
 def sensitivities(azimuth: float, elevation: float) -> tuple[float, float, float, float, float]:

@@ -1,19 +1,24 @@
-"""Calibration of directions of arrival by what the camera sees at the same time."""
+"""Calibration of directions of arrival, and of further cameras, by what the first camera sees at the same time."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
+from av_common.rig import CAMERAS
 from av_common.timeline import Timeline
-from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
-from av_fusion.measurement.measurements import Detection, DoaMeasurement
+from av_fusion.calibration.array_calibration import ArraySelfCalibration
+from av_fusion.calibration.camera_alignment import CameraAlignment
+from av_fusion.calibration.self_calibration import LEAST_CONFIDENCE, SelfCalibration
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, combined, cross, direction, dot, turned, turned_back
 from av_fusion.tracks.filter import effective_sample_fraction
 
 AT_LIMIT = 'self-calibration at its limit'
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
+MOST_WAITING = 100  # sightings of further cameras, some seconds of them
 GAP_S, KEPT_S = 0.4, 3.0  # longest time between sightings that is interpolated, and age up to which they are kept
 
 
@@ -32,10 +37,13 @@ class Sighting(NamedTuple):
 
 
 class SightingCalibration:
-    """Compares directions of arrival with sightings of their time, and corrects them by all comparisons so far.
+    """Compares directions of arrival with sightings of their time, and further cameras with the first one.
+
+    Measurements are corrected by all comparisons so far: a bearing refers to the first camera as described.
 
     Attributes:
         array: what is known of the array.
+        cameras: what is known of further cameras, by name.
 
     Parameters:
         enabled: whether they are compared at all.
@@ -46,35 +54,61 @@ class SightingCalibration:
     def __init__(self, enabled: bool, floor: float, motion: RigMotion) -> None:
         self._enabled, self._floor, self._motion = enabled, floor, motion
         self.array = ArraySelfCalibration()
+        self.cameras: dict[str, CameraAlignment] = {}
         self.reset()
 
     def reset(self) -> None:
-        """Discard the sightings, but keep what is known of the array."""
+        """Discard the sightings, but keep what is known of array and cameras."""
         self._sightings: Timeline[Sighting] = Timeline(KEPT_S)
+        self._first: Timeline[Sighting] = Timeline(KEPT_S)  # of the first camera, where it shows one thing
+        self._others: deque[tuple[float, CameraMeasurement]] = deque(maxlen=MOST_WAITING)
 
     def turn_world(self, rows: Rows) -> None:
         """Turn the sightings with the world, where the rig's attitude was corrected."""
-        self._sightings.change(lambda one: one._replace(direction=turned(rows, one.direction)))
+        for sightings in (self._sightings, self._first):
+            sightings.change(lambda one: one._replace(direction=turned(rows, one.direction)))
+
+    def align(self, time: float, measurement: CameraMeasurement) -> CameraMeasurement:
+        """Compare the images of further cameras with those of the first; returns an image corrected.
+
+        What is compared is the only thing in each image: of several it is not known which is which.
+
+        Parameters:
+            time (s): capture time of the image.
+            measurement: the image.
+        """
+        found = [one for one in measurement.detections if one.score >= LEAST_CONFIDENCE]
+        first = measurement.camera == CAMERAS[0]
+        if self._enabled and len(found) == 1 and math.isfinite(found[0].elevation_variance):
+            if not first:
+                self._others.append((time, measurement._replace(detections=tuple(found))))
+            elif time > self._first.newest:
+                self._first.add(time, self._sighting(time, found[0]))
+        while self._others and self._others[0][0] <= self._first.newest:
+            self._compare(*self._others.popleft())
+        return measurement if first or measurement.camera not in self.cameras else \
+            self.cameras[measurement.camera].corrected(measurement)
+
+    def _compare(self, time: float, measurement: CameraMeasurement) -> None:
+        """Compare what a further camera saw with what the first one sees at that time (s)."""
+        sighting, found = _at(self._first, time), measurement.detections[0]
+        if sighting is not None:
+            seen = turned_back(measurement.view, turned_back(self._motion.attitude(time), sighting.direction))
+            itself = turned_back(measurement.view, direction(found.azimuth, found.elevation))
+            self.cameras.setdefault(measurement.camera, CameraAlignment()).compare(
+                time, itself, seen, sighting.variance + found.across_variance)
 
     def see(self, time: float, best: Detection | None) -> None:
         """Note the best detection of an image captured at `time` (s), if it is certain enough."""
         if not self._enabled or time <= self._sightings.newest:
             return
         if best is not None and best.score >= LEAST_CONFIDENCE:
-            seen = turned(self._motion.attitude(time), direction(best.azimuth, best.elevation))
-            self._sightings.add(time, Sighting(time, seen, best.across_variance))
+            self._sightings.add(time, self._sighting(time, best))
 
-    def _seen(self, time: float) -> Sighting | None:
-        """The direction of the target at `time` (s), interpolated; None outside of the sightings and in gaps."""
-        if not self._sightings.oldest < time <= self._sightings.newest:
-            return None
-        # A sighting of that very time counts by its predecessor, too: single ones may be wrong.
-        earlier, later, share = self._sightings.around(math.nextafter(time, 0.0))
-        if later.time - earlier.time > GAP_S:
-            return None
-        mean = combined(1.0 - share, earlier.direction, share, later.direction)
-        length = max(math.sqrt(dot(mean, mean)), 1e-9)
-        return Sighting(time, combined(1.0 / length, mean, 0.0, mean), later.variance)
+    def _sighting(self, time: float, seen: Detection) -> Sighting:
+        """What was seen at a time (s), in the world."""
+        in_world = turned(self._motion.attitude(time), direction(seen.azimuth, seen.elevation))
+        return Sighting(time, in_world, seen.across_variance)
 
     def correct(self, measurement: DoaMeasurement, time: float, newest: float) -> DoaMeasurement:
         """Compare a direction of arrival with the sighting of its time; returns it corrected.
@@ -84,7 +118,7 @@ class SightingCalibration:
             time (s): its capture time.
             newest (s): capture time of the newest direction before.
         """
-        sighting, cone = self._seen(time), measurement.cone
+        sighting, cone = _at(self._sightings, time), measurement.cone
         if cone is not None and sighting is not None and measurement.confidence >= LEAST_CONFIDENCE:
             seen = turned_back(self._motion.attitude(time), sighting.direction)
             variance = cone.variance + self._floor**2 * cone.slope_squared
@@ -93,10 +127,26 @@ class SightingCalibration:
         return self.array.corrected(measurement)
 
     def diagnostics(self) -> dict[str, str]:
-        """What is known of the array, as texts."""
-        learned = self.array.describe() if self.array.compared else {}
-        return {f'array self-calibration: {name}': value for name, value in learned.items()} | {
-            AT_LIMIT: ', '.join(f'{name} {learned[name]}' for name in self.array.at_limit) or 'none'}
+        """What is known of array and cameras, as texts."""
+        learned: dict[str, SelfCalibration] = {'array': self.array, **self.cameras}
+        texts = {f'{what} self-calibration: {name}': value for what, one in learned.items() if one.compared
+                 for name, value in one.describe().items()}
+        stands = [f'{name if what == "array" else f"{what} {name}"} {texts[f"{what} self-calibration: {name}"]}'
+                  for what, one in learned.items() for name in one.at_limit]
+        return texts | {AT_LIMIT: ', '.join(stands) or 'none'}
+
+
+def _at(sightings: Timeline[Sighting], time: float) -> Sighting | None:
+    """The direction of the target at a time (s), interpolated; None outside of the sightings and in gaps."""
+    if not sightings.oldest < time <= sightings.newest:
+        return None
+    # A sighting of that very time counts by its predecessor, too: single ones may be wrong.
+    earlier, later, share = sightings.around(math.nextafter(time, 0.0))
+    if later.time - earlier.time > GAP_S:
+        return None
+    mean = combined(1.0 - share, earlier.direction, share, later.direction)
+    length = max(math.sqrt(dot(mean, mean)), 1e-9)
+    return Sighting(time, combined(1.0 / length, mean, 0.0, mean), later.variance)
 
 
 def from_axis(axis: Vector, seen: Vector) -> tuple[float, float]:
