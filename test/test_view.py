@@ -119,7 +119,7 @@ def it_moves(browser):
 
 def it_agrees_with_the_topics(browser, listener):
     """What is drawn is one of the bearings of the last seconds, in the headline and on the ring."""
-    assert browser.wait_for('state.truth.length && state.camera && state.sound')
+    assert browser.wait_for('state.truth.length && state.cameras.length && state.sound')
     assert listener.wait_for(lambda: len(listener.bearings) >= 20)
     age, azimuth, headline = browser.value('[Date.now() / 1000 - state.time, state.bearing.azimuth, $("bearing").value]')
     assert listener.wait_for(lambda: any(abs(math.degrees(bearing.azimuth) - azimuth) < 0.06 for bearing in listener.bearings))

@@ -26,9 +26,9 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('audio_node', r'device', 'Is it plugged in, and used by no other program? `ros2 run av_view doctor` lists the devices.'),
     ('doa_node', r'no audio', 'Nothing is heard: look at audio_node, or at bridge_node and the simulator.'),
     ('doa_node', r'motor speeds', 'Publish motor_speeds, or set the parameter ego_rotor_blades of doa_node to 0.'),
-    ('camera_node', r'no images|failed', 'Is the camera plugged in, and used by no other program? `ros2 run av_view doctor` '
-     'opens it as camera_node does.'),
-    ('detector_node', r'no images', 'Nothing is seen: look at camera_node, or at bridge_node and the simulator.'),
+    ('(.*_)?camera_node', r'no images|failed', 'Is the camera plugged in, and used by no other program? '
+     '`ros2 run av_view doctor` opens it as camera_node does.'),
+    ('(.*_)?detector_node', r'no images', 'Nothing is seen: look at camera_node, or at bridge_node and the simulator.'),
     ('bridge_node', r'no data', 'Is the simulator running, and does it send to these ports?'),
     ('bridge_node', r'allowed_senders', 'Name the simulator\'s address in allowed_senders:=, if it may send.'),
     ('fusion_node', r'no .*odometry', 'The attitude of the rig is unknown: px4:=true, or publish odometry. On a mast that '

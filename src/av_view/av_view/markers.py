@@ -35,7 +35,7 @@ def markers(snapshot: dict[str, Any], sound: Sequence[DoaMeasurement], frame: st
         frame: name of the body frame.
     """
     made = [Marker(action=Marker.DELETEALL), *_bearing(snapshot['bearing']), *_heard(sound), *_tracks(snapshot['tracks']),
-            *_truth(snapshot['truth']), *_view(snapshot['camera'])]
+            *_truth(snapshot['truth']), *_view(snapshot['cameras'])]
     for number, marker in enumerate(made):
         marker.header, marker.id = Header(frame_id=frame), number
         marker.pose.orientation.w = 1.0
@@ -114,8 +114,8 @@ def _truth(targets: Iterable[dict[str, Any]]) -> Iterable[Marker]:
         yield _shape('truth', Marker.SPHERE_LIST, points, COLORS['truth'], 0.4)
 
 
-def _view(camera: dict[str, Any] | None) -> Iterable[Marker]:
-    if camera is not None:
+def _view(cameras: Iterable[dict[str, Any]]) -> Iterable[Marker]:
+    for camera in cameras:
         left, right = _directions([camera['azimuth'] + 0.5 * camera['view'], camera['azimuth'] - 0.5 * camera['view']],
                                   camera['elevation'], REACH)
         yield _shape('view', Marker.LINE_STRIP, [left, np.zeros(3), right], COLORS['sight'], 0.03, 0.5)

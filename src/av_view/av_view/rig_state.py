@@ -17,6 +17,7 @@ from transforms3d.quaternions import quat2mat
 
 from av_common.angles import wrap
 from av_common.frames import attitude_of
+from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds
 from av_common.track import Source, State
 from av_fusion.measurement.measurements import DoaMeasurement
@@ -45,14 +46,15 @@ class RigState:
     """The newest message of each topic of a rig, and what follows from them for people who watch.
 
     Attributes:
-        newest: the newest message by what it is of: bearing, fusion, doa, detections, tracks, command, posterior, world.
-        camera: the camera as it was turned at the time of the picture; None while it is unknown.
+        newest: the newest message by what it is of: bearing, fusion, doa, tracks, command, posterior, world, and the topics of
+            detections.
+        cameras: those that are known, by name: the first as it was turned at the time of the picture, others of detections.
         sound: the newest directions of arrival in the body frame, the most confident first.
     """
 
     def __init__(self) -> None:
         self.newest: dict[str, Any] = {}
-        self.camera: CameraView | None = None
+        self.cameras: dict[str, CameraView] = {}
         self.sound: Sequence[DoaMeasurement] = ()
         self._bearings: deque[tuple[float, Any]] = deque(maxlen=MOST_PAST)
         self._heard: deque[tuple[float, Sequence[DoaMeasurement]]] = deque(maxlen=MOST_PAST)
@@ -155,7 +157,7 @@ class RigState:
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
             'bearing': self._bearing_part(), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
-            'sight': self._sight_part(now), 'picture': self._picture_part(now), 'camera': self._camera_part(),
+            'sight': self._sight_part(now), 'picture': self._picture_part(now), 'cameras': self._cameras_part(),
             'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
             'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
             'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
@@ -188,7 +190,7 @@ class RigState:
         time, size, detections = self._picture
         bearing, heard = _nearest(self._bearings, time), _nearest(self._heard, time) or ()
         boxes = detections.detections[:MOST_BOXES] if detections else ()
-        camera = self.camera
+        camera = self.cameras.get(CAMERAS[0])
         line: list[list[float]] = []
         band, centre = line, None
         if camera and bearing and bearing.state != State.NONE:
@@ -224,22 +226,20 @@ class RigState:
         return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
 
     def _sight_part(self, now: float) -> dict[str, Any] | None:
-        message = self._fresh('detections', now)
-        if message is None:
+        found = {camera: self._fresh(camera_topic(camera, 'detections'), now) for camera in CAMERAS}
+        if not any(found.values()):
             return None
-        return {'boxes': [self._seen(detection) for detection in message.detections[:MOST_BOXES] if detection.results]}
+        return {'boxes': [self._seen(camera, detection) for camera, message in found.items() if message
+                          for detection in message.detections[:MOST_BOXES] if detection.results]}
 
-    def _seen(self, detection: Any) -> dict[str, Any]:
-        middle = detection.bbox.center.position
-        azimuth = self.camera.azimuth_of(middle.x, middle.y) if self.camera else math.nan
-        return {'score': number(_best(detection).score), 'azimuth': degrees(azimuth)}
+    def _seen(self, camera: str, detection: Any) -> dict[str, Any]:
+        middle, view = detection.bbox.center.position, self.cameras.get(camera)
+        azimuth = view.azimuth_of(middle.x, middle.y) if view else math.nan
+        return {'camera': camera, 'score': number(_best(detection).score), 'azimuth': degrees(azimuth)}
 
-    def _camera_part(self) -> dict[str, Any] | None:
-        if self.camera is None:
-            return None
-        azimuth, elevation = self.camera.axis
-        return {'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
-                'view': degrees(self.camera.model.horizontal_fov_rad)}
+    def _cameras_part(self) -> list[dict[str, Any]]:
+        return [{'name': name, 'azimuth': degrees(camera.axis[0]), 'elevation': degrees(camera.axis[1]),
+                 'view': degrees(camera.model.horizontal_fov_rad)} for name, camera in self.cameras.items()]
 
     def _tracks_part(self, now: float) -> list[dict[str, Any]]:
         message = self._fresh('tracks', now)
@@ -248,12 +248,13 @@ class RigState:
         return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
 
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
+        camera = self.cameras.get(CAMERAS[0])
         return {
             'id': int(track.id), 'name': track.class_id[:LONGEST_NAME], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
             'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
             'selected': selected,
-            'point': self.camera.point(track.azimuth, track.elevation) if self.camera else None}
+            'point': camera.point(track.azimuth, track.elevation) if camera else None}
 
     def _truth_part(self) -> list[dict[str, Any]]:
         if self._rig_truth is None:

@@ -33,7 +33,7 @@ def test_nothing_known_clears_what_was_shown():
 
 def test_the_bearing_is_an_arrow_with_a_sector():
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     state.on_bearing(bearing(azimuth=math.radians(30.0), azimuth_variance=math.radians(5.0) ** 2), NOW)
     made = markers(state.snapshot(NOW), (), 'body')
     (arrow,), (sector,) = named(made, 'bearing'), named(made, 'sigma')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 from rcl_interfaces.msg import Log
 from view_messages import CAMERA, NOW, bearing, heard, pose, seen
@@ -13,6 +14,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.stamps import to_stamp
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
+from av_view.camera_view import CameraView
 from av_view.feed import COLUMNS, row_of
 from av_view.rig_state import RigState
 
@@ -26,7 +28,7 @@ def test_without_messages_everything_is_unknown():
 
 def test_a_bearing_in_degrees():
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     state.on_bearing(bearing(), NOW)
     part = state.snapshot(NOW)['bearing']
     assert (part['azimuth'], part['sigma']) == pytest.approx((5.7, 1.1), abs=0.06)
@@ -37,7 +39,7 @@ def test_a_bearing_in_degrees():
 
 def test_a_bearing_without_a_target_shows_nothing():
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     state.on_bearing(bearing(state=Bearing.STATE_NONE, azimuth=math.nan, azimuth_variance=math.inf), NOW)
     part = state.snapshot(NOW)['bearing']
     state.on_picture(NOW - 0.1, (640, 480), None)
@@ -48,7 +50,7 @@ def test_a_bearing_without_a_target_shows_nothing():
 
 def test_boxes_are_shares_of_the_picture_with_their_azimuths():
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     detections = seen(319.5, 239.5)
     state.take('detections', detections)
     assert state.snapshot(NOW)['picture'] is None
@@ -59,10 +61,22 @@ def test_boxes_are_shares_of_the_picture_with_their_azimuths():
     assert state.snapshot(NOW + 5.0)['sight'] is None and state.snapshot(NOW + 5.0)['picture'] is None
 
 
+def test_what_each_camera_sees_is_named():
+    """The second one looks to the left."""
+    state, turn = RigState(), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    state.cameras |= {'camera': CAMERA, 'second_camera': CameraView(CAMERA.model, turn @ CAMERA.rotation)}
+    for topic in ('detections', 'second_camera/detections'):
+        state.take(topic, seen(319.5, 239.5))
+    first, second = state.snapshot(NOW)['sight']['boxes']
+    assert (first['camera'], second['camera']) == ('camera', 'second_camera')
+    assert (first['azimuth'], second['azimuth']) == pytest.approx((0.0, 90.0), abs=0.1)
+    assert [one['azimuth'] for one in state.snapshot(NOW)['cameras']] == pytest.approx([0.0, 90.0], abs=0.1)
+
+
 def test_what_is_drawn_on_a_picture_is_of_its_time():
     """The rig turns past a target: the bearing at the time of the picture is drawn, not the newest one."""
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     for number in range(20):
         time = NOW - 1.0 + 0.05 * number
         state.on_bearing(bearing(azimuth=0.02 * number, stamp=time), time)
@@ -89,7 +103,7 @@ def test_truth_is_seen_from_the_rig():
 
 def test_rows_hold_what_diagrams_show():
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     state.on_doa(*heard())
     state.on_bearing(bearing(), NOW)
     state.take('detections', seen(319.5, 239.5))
@@ -139,7 +153,7 @@ def test_marks_are_kept_and_those_of_a_later_time_wait_for_it():
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e38])
 def test_numbers_that_json_cannot_hold_are_unknown(value):
     state = RigState()
-    state.camera = CAMERA
+    state.cameras['camera'] = CAMERA
     fields = {name: value for name in Bearing.get_fields_and_field_types() if isinstance(getattr(Bearing(), name), float)}
     state.on_bearing(bearing(**{**fields, 'azimuth': 0.0}), NOW)
     with pytest.raises(ValueError, match='azimuth'):

@@ -54,7 +54,8 @@ def test_hostile_diagnostics_take_no_memory():
 
 
 @pytest.mark.parametrize(('node', 'words', 'part'), [
-    ('camera_node', 'no images', 'camera'), ('pointing_node', 'no target/bearing', 'fusion_node'),
+    ('camera_node', 'no images', 'camera'), ('second_camera_node', 'no images', 'camera'),
+    ('pointing_node', 'no target/bearing', 'fusion_node'),
     ('fusion_node', 'no doa, odometry', 'odometry'), ('any_node', 'not active', 'lifecycle')])
 def test_advice_fits_what_nodes_say(node, words, part):
     assert any(part in text for text in advise(node, words))

@@ -23,7 +23,7 @@ from av_common.guarded_node import Reader, check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
 from av_common.refused_inputs import BAD_INPUT
-from av_common.rig import CAMERAS
+from av_common.rig import CAMERAS, camera_topic, camera_topics
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import LATEST_S, TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
@@ -92,7 +92,8 @@ class RigWatch:
         self._rotations = TfRotations(node, LATEST_S, f'{rig}/')
         self._converter = MeasurementConverter(self._rotations.rotation)
         # In the order in which they are taken: the camera before what is seen through it.
-        self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message))
+        for camera in CAMERAS:
+            self._read(CameraInfo, camera_topic(camera, 'camera/camera_info'), partial(self._on_camera_info, camera))
         self._read(Image, 'camera/image_raw', lambda data, _: self._images.add(data), ALL_IMAGES, decode=bytes)
         self._read(Bearing, 'target/bearing', state.on_bearing, NEWEST_RESULT)
         self._read(FusionState, 'fusion/state', partial(state.take, 'fusion'), NEWEST_RESULT)
@@ -101,7 +102,8 @@ class RigWatch:
         self._read(Log, 'marks', state.on_mark, RESULT)
         self._read(PointingCommand, 'pointing/command', state.on_command, NEWEST_RESULT)
         self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
-        self._read(Detection2DArray, 'detections', partial(state.take, 'detections'))
+        for topic in camera_topics(CAMERAS, 'detections'):
+            self._read(Detection2DArray, topic, partial(state.take, topic))
         self._read(AudioFrame, 'audio/frames', self._on_audio)
         self._decode_image = deserialiser('sensor_msgs/msg/Image')
         self._entities = [entity for entity in node.entities() if entity not in before]
@@ -132,6 +134,9 @@ class RigWatch:
         except BAD_INPUT as error:
             self._node.refused.refuse('camera/image_raw', error)
             picture = b''
+        for camera in CAMERAS[1:]:
+            if (seen := self._state.newest.get(camera_topic(camera, 'detections'))) is not None:
+                self._look_through(camera, seen.header)
         self.snapshot = self._state.snapshot(self._node.now())
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False)
                       for part in (self.snapshot, row_of(self.snapshot)))
@@ -179,19 +184,21 @@ class RigWatch:
         first, self._pictured = stamp != self._pictured[0], (stamp, detected)
         message = self._decode_image(data)
         taken, image = to_seconds(message.header.stamp), image_from_message(message)
-        self._look_through(message.header.frame_id, taken)
+        self._look_through(CAMERAS[0], message.header)
         self._state.on_picture(taken, (message.width, message.height), detections if detected else None)
         return jpeg_of(image) if encode and first else b''
 
-    def _look_through(self, frame: str, time: float) -> None:
-        """Note how the camera is turned at the time (s) of a picture."""
-        model = self._converter.cameras.get(CAMERAS[0])
-        rotation = None if model is None else self._rotations.rotation(frame, time)
-        known = self._state.camera
+    def _look_through(self, camera: str, header: Any) -> None:
+        """Note how a camera is turned at the time of what it shows, by the header of that."""
+        model, known = self._converter.cameras.get(camera), self._state.cameras.get(camera)
+        rotation = None if model is None else self._rotations.rotation(header.frame_id, to_seconds(header.stamp))
         if model is None or rotation is None:
-            self._state.camera = None
+            self._state.cameras.pop(camera, None)
         elif known is None or known.model is not model or known.rotation is not rotation:
-            self._state.camera = CameraView(model, rotation)
+            self._state.cameras[camera] = CameraView(model, rotation)
+
+    def _on_camera_info(self, camera: str, message: CameraInfo, _published: float) -> None:
+        self._converter.set_camera_info(message, camera)
 
     def _on_audio(self, message: AudioFrame, published: float) -> None:
         if message.channels:

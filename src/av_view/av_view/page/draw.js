@@ -55,7 +55,7 @@ function spoke(svg, kind, azimuth, from, to, opacity = 1) {
 }
 
 function showPolar() {
-  const svg = $('polar'), { bearing, camera, sound, sight, truth, tracks, heading, posterior } = state, bins = posterior.length;
+  const svg = $('polar'), { bearing, cameras, sound, sight, truth, tracks, heading, posterior } = state, bins = posterior.length;
   svg.replaceChildren();
   for (const radius of [RIM / 2, RIM]) element(svg, 'circle', { class: 'rim', r: radius });
   const marks = northUp ? { E: 0, N: 90, W: 180, S: -90 } : { ahead: 0, left: 90, behind: 180, right: -90 };
@@ -63,7 +63,7 @@ function showPolar() {
     const [x, y] = at(northUp ? azimuth - (heading ?? 0) : azimuth, RIM + 27);
     element(svg, 'text', { x, y: y + 3, 'text-anchor': 'middle' }, name);
   }
-  if (camera) element(svg, 'polygon', { class: 'view', points: wedge(camera.azimuth - camera.view / 2, camera.azimuth + camera.view / 2, 6, RIM) });
+  for (const camera of cameras) element(svg, 'polygon', { class: 'view', points: wedge(camera.azimuth - camera.view / 2, camera.azimuth + camera.view / 2, 6, RIM) });
   const ring = height => posterior.map((value, i) => at(-180 + (i + 0.5) * 360 / bins, RIM + 1 + height * value));
   if (bins) element(svg, 'polygon', { class: 'ring', points: points([...ring(18), ...ring(0).reverse()]) });
   if (bearing && bearing.state !== 'none') {

@@ -9,7 +9,7 @@ const SENSES = { sound: 'heard', sight: 'seen' };
 const NODES = { audio_node: 'microphones', doa_node: 'hearing', camera_node: 'camera', detector_node: 'detector', fusion_node: 'fusion', pointing_node: 'pointing',
   bridge_node: 'link to the simulator', recorder_node: 'recorder', player_node: 'replay', px4_node: 'link to the autopilot', rig_frames_node: 'frames of the rig',
   monitor_node: 'monitor', report_node: 'reports', network_node: 'network', view_node: 'this page' };
-const INPUTS = { doa: 'directions of sound', detections: 'detections of the camera', odometry: 'the attitude of the rig', 'target/bearing': 'the bearing' };
+const INPUTS = { doa: 'directions of sound', detections: 'detections of the camera', 'second_camera/detections': 'detections of the second camera', odometry: 'the attitude of the rig', 'target/bearing': 'the bearing' };
 
 // "drone 1": the type by its sound stays a detail, and what is probably no drone has the name of what it may be.
 function nameOf({ id, name, drone }) {
