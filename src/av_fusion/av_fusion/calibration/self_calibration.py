@@ -36,6 +36,7 @@ class SelfCalibration:
     def __init__(self, names: Sequence[str], sigmas: NDArray[np.float64], units: Sequence[tuple[float, str]],
                  memory: float = MEMORY_S) -> None:
         self._names, self._usual, self._units, self._memory = names, sigmas, units, memory
+        self._bounds = BOUND * sigmas
         self._prior = np.diag(1.0 / sigmas**2)  # information matrix
         self._gained = np.zeros_like(self._prior)  # information beyond the prior
         self._covariance = np.linalg.inv(self._prior)
@@ -57,7 +58,7 @@ class SelfCalibration:
     @property
     def at_limit(self) -> list[str]:
         """Names of the parameters that are learnt, and would be corrected by more than is permitted."""
-        stands = (self.sigmas < 0.5 * self._usual) & (np.abs(self.values) >= BOUND * self._usual)
+        stands = (self.sigmas < 0.5 * self._usual) & (np.abs(self.values) >= self._bounds)
         return [name for name, at in zip(self._names, stands, strict=True) if at]
 
     def learn(self, time: float, slopes: ArrayLike, residuals: ArrayLike, variances: ArrayLike, lasting: ArrayLike) -> bool:
@@ -70,21 +71,20 @@ class SelfCalibration:
             variances (k,): of the errors; to be enlarged when those of successive calls are correlated.
             lasting (k,): variances of the errors that persist for SIGHT_CORRELATION_S.
         """
-        rows, left = np.asarray(slopes), np.asarray(residuals)
+        rows, left = np.array(slopes), np.array(residuals)
         seconds = min(max(time - self._time, 0.01), SIGHT_CORRELATION_S)
-        spread = np.asarray(variances) + np.asarray(lasting) * (SIGHT_CORRELATION_S / seconds)
-        total = np.sum(rows @ self._covariance * rows, axis=1) + spread
-        used = (left - rows @ self.values) ** 2 <= GATE**2 * total
-        if not used.any():
+        spread = np.array(variances) + np.array(lasting) * (SIGHT_CORRELATION_S / seconds)
+        total = np.add.reduce(rows.dot(self._covariance) * rows, axis=1) + spread
+        used = (left - rows.dot(self._values)) ** 2 <= GATE**2 * total
+        if not np.logical_or.reduce(used):
             return False
         kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self._memory)
         self._time = max(self._time, time)
-        rows, weighed = rows[used], rows[used] / spread[used, None]
-        self._gained = kept * self._gained + rows.T @ weighed
-        self._vector = kept * self._vector + left[used] @ weighed
+        weighed = rows[used] / spread[used, None]
+        self._gained = kept * self._gained + rows[used].T.dot(weighed)
+        self._vector = kept * self._vector + left[used].dot(weighed)
         self._covariance = np.linalg.inv(self._prior + self._gained)
-        bounds = BOUND * self._usual
-        self._values = np.minimum(np.maximum(self._covariance @ self._vector, -bounds), bounds).tolist()
+        self._values = np.minimum(np.maximum(self._covariance.dot(self._vector), -self._bounds), self._bounds).tolist()
         self.compared += 1
         return True
 

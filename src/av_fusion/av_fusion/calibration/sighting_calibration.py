@@ -77,17 +77,18 @@ class SightingCalibration:
             time (s): capture time of the image.
             measurement: the image.
         """
-        found = [one for one in measurement.detections if one.score >= LEAST_CONFIDENCE]
         first = measurement.camera == CAMERAS[0]
-        if self._enabled and len(found) == 1 and math.isfinite(found[0].elevation_variance):
+        if not self._enabled or (first and not self.cameras):
+            return measurement
+        found = [one for one in measurement.detections if one.score >= LEAST_CONFIDENCE]
+        if len(found) == 1 and math.isfinite(found[0].elevation_variance):
             if not first:
                 self._others.append((time, measurement._replace(detections=tuple(found))))
             elif time > self._first.newest:
                 self._first.add(time, self._sighting(time, found[0]))
         while self._others and self._others[0][0] <= self._first.newest:
             self._compare(*self._others.popleft())
-        return measurement if first or measurement.camera not in self.cameras else \
-            self.cameras[measurement.camera].corrected(measurement)
+        return measurement if first else self.cameras.setdefault(measurement.camera, CameraAlignment()).corrected(measurement)
 
     def _compare(self, time: float, measurement: CameraMeasurement) -> None:
         """Compare what a further camera saw with what the first one sees at that time (s)."""
@@ -95,8 +96,7 @@ class SightingCalibration:
         if sighting is not None:
             seen = turned_back(measurement.view, turned_back(self._motion.attitude(time), sighting.direction))
             itself = turned_back(measurement.view, direction(found.azimuth, found.elevation))
-            self.cameras.setdefault(measurement.camera, CameraAlignment()).compare(
-                time, itself, seen, sighting.variance + found.across_variance)
+            self.cameras[measurement.camera].compare(time, itself, seen, sighting.variance + found.across_variance)
 
     def see(self, time: float, best: Detection | None) -> None:
         """Note the best detection of an image captured at `time` (s), if it is certain enough."""

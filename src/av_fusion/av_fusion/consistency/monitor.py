@@ -52,18 +52,19 @@ class ConsistencyMonitor:
         """Use what is known at `now` (s); returns the fault that is known."""
         monitors = self._cameras.values()
         found = [fault for monitor in monitors if (fault := monitor.advance(now)) is not None]
-        certain, heading = [fault for fault in found if fault.is_certain], self._heading.check(now)
-        self.fault = _together(certain) or heading or _together(found)
+        self.fault, certain = self._heading.check(now), [fault for fault in found if fault.is_certain]
+        if certain or (found and self.fault is None):
+            self.fault = _together(certain or found)
         # A bearing rests on the cameras that see the target; while none does it is off by as much as when one did.
         seeing = [monitor.belief for monitor in monitors if now - monitor.seen <= GAP_S]
-        belief = Belief(*map(max, zip(*(seeing or [monitor.belief for monitor in monitors]), strict=True)))
-        self.belief = belief._replace(in_world=belief.in_world + self._heading.in_world)
+        believed = seeing or [monitor.belief for monitor in monitors]
+        self.belief = believed[0] if len(believed) == 1 else Belief(*map(max, zip(*believed, strict=True)))
+        if self._heading.in_world > 0.0:
+            self.belief = self.belief._replace(in_world=self.belief.in_world + self._heading.in_world)
         return self.fault
 
 
-def _together(faults: Sequence[Fault]) -> Fault | None:
-    """What several cameras tell, as one fault; None of nothing."""
-    if len(faults) < 2:
-        return faults[0] if faults else None
+def _together(faults: Sequence[Fault]) -> Fault:
+    """What several cameras tell, as one fault."""
     text, mend = ('; and '.join(dict.fromkeys(words)) for words in zip(*[(one.text, one.mend) for one in faults], strict=True))
     return Fault(text, mend, max(fault.probability for fault in faults), any(fault.is_certain for fault in faults))
