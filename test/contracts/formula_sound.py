@@ -118,19 +118,28 @@ def rattle(rng: Generator, count: int) -> NDArray:
     return stones / stones.std() + 0.5 * gear
 
 
-def rig_alone(voice: Voice, microphones: MicrophoneArray, seed: int, seconds: float) -> tuple[NDArray, NDArray]:
-    """Two pieces (n, m) of the sound of four rotors or wheels of a rig, at other times, with 1 % of noise of each microphone.
+def flaps(rng: Generator, count: int) -> NDArray:
+    """A loose sheet in the wind: six flaps a second, each of 15 ms, over a hiss that is 10 dB quieter."""
+    blows, number = np.zeros(count), max(1, count * 6 // RATE)
+    np.add.at(blows, rng.integers(0, count, number), rng.exponential(size=number))
+    bursts = np.convolve(blows, np.exp(-np.arange(round(0.05 * RATE)) / (0.015 * RATE)))[:count] * rng.normal(size=count)
+    return bursts / bursts.std() + 0.3 * rng.normal(size=count)
+
+
+def rig_alone(voice: Voice, microphones: MicrophoneArray, seed: int, seconds: float, parts: int = 4) -> tuple[NDArray, NDArray]:
+    """Two pieces (n, m) of the sound of a rig's rotors, wheels or sheets, at other times, with 1 % of noise of each microphone.
 
     Parameters:
         voice: of one of them; each is about as loud, and its level varies by 1 dB from second to second.
-        microphones: they are amid the four, which are 0.2 to 0.35 m away and below.
+        microphones: they are amid the parts, which are 0.2 to 0.35 m away and below.
         seed: of the rig.
         seconds: of each piece.
+        parts: at the first so many of four corners.
     """
     rng, count = np.random.default_rng([seed, 44]), round(2.0 * seconds * RATE)
     arm, turn, sound = rng.uniform(0.2, 0.35), rng.uniform(-0.1, 0.1), np.zeros((count, microphones.channels))
     time = np.arange(count) / RATE
-    for corner in range(4):
+    for corner in range(parts):
         angle = 0.5 * math.pi * corner + 0.25 * math.pi + turn
         place = np.array([arm * math.cos(angle), arm * math.sin(angle), -0.1])
         distances = np.linalg.norm(microphones.positions - place, axis=1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
-from av_audio.ego_noise import BAND_HZ, MIN_DURATION_S, SHARES, EgoNoise, covariance, throttles
+from av_audio.ego_noise import BAND_HZ, MIN_DURATION_S, SHARES, EgoNoise, covariance, in_time, level_weights, throttles
 from av_audio.ego_peaks import EgoPeaks
 from av_audio.spectra import TINY
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, with_other_lobes
@@ -32,7 +32,7 @@ class Method(NamedTuple):
     Parameters:
         matrices: from covariances (b, m, m) with a trace of m to those whose quadratic form is taken.
         value: from quadratic forms (b, g) with unit steering vectors and powers (b, 1) of the bands to what is summed.
-        even: whether the bins of a band have equal weights.
+        even: whether the snapshots of a band have equal weights.
     """
 
     matrices: Callable[[NDArray], NDArray]
@@ -205,15 +205,17 @@ class BandSearch:
             throttle, gains = self._noise.likeliest(covariance(bands))
         vectors = self._vectors[throttle]
         white = gains[..., None] * (vectors.conj().swapaxes(-1, -2) @ bands)
-        # What the recording is not known to, of the window's power: where that is all there is, it is no source.
-        unknown = SHARES[0] * np.mean(np.abs(bands) ** 2, axis=(1, 2)) if self._noise else np.zeros(self._count)
-        if self._method.even:
-            norms = np.maximum(np.linalg.norm(white, axis=1, keepdims=True), TINY)
-            white, unknown = white / norms, unknown / np.mean(norms**2, axis=(1, 2))
-        covariances = covariance(white) + (unknown[:, None] * gains**2)[..., None] * np.eye(self._array.channels)
-        power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
         of_bins = np.sum(np.abs(white) ** 2, axis=1)
         stretch = np.sum(self._offsets * of_bins, axis=1) / np.maximum(of_bins.sum(axis=1), TINY)
+        covariances = covariance(white)
+        if self._noise is not None:
+            snapshots = in_time(white)
+            weights = level_weights(snapshots, 0.0 if self._method.even else self._noise.freedom)
+            # What the recording is not known to, of the window's power: where that is all there is, it is no source.
+            unknown = SHARES[0] * np.mean(np.abs(bands) ** 2, axis=(1, 2)) * weights.mean(axis=(1, 2))
+            covariances = covariance(np.sqrt(weights) * snapshots) + (unknown[:, None] * gains**2)[..., None] * np.eye(
+                self._array.channels)
+        power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
         matrices = self._method.matrices(covariances / power[:, None, None]).astype(np.complex64)
         window = _Window(matrices, power[:, None], vectors, gains.astype(np.float32), stretch[:, None, None], np.zeros(0))
         return window._replace(values=self._values(window, self._steering[throttle]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +25,8 @@ BAND_HZ = 40.0
 # recorded to about 3 %.
 SHARES: NDArray = 10.0 ** np.arange(-3.0, 2.0)
 ALIKE_HZ = 250.0  # within this width that share is alike
+LEAST_EXCESS = 1e-3  # of the mean square of levels over that of Gaussian noise
+LEVEL_STEPS = 3  # of the expectation maximisation that finds the level of a band
 
 
 class NoiseRecording(NamedTuple):
@@ -86,11 +88,17 @@ class EgoNoise:
     noise of capsules are in no recording: after whitening by it alone they would be coherent. Their share is that under
     which the window is most likely.
 
+    Sheets, chains and gravel are loud in moments, between which a target is heard: noise of varying level has the complex
+    t-distribution, with as many degrees of freedom as the levels of the recording have (Lange, Little and Taylor, 1989).
+
+    Attributes:
+        freedom: degrees of freedom.
+
     Parameters:
         windows: spectra (b, m, n) of windows of the recording, n in each band of BAND_HZ.
     """
 
-    def __init__(self, windows: Iterable[NDArray]) -> None:
+    def __init__(self, windows: Sequence[NDArray]) -> None:
         covariances = np.stack([covariance(window) for window in windows])  # (w, b, m, m)
         group = throttles(np.einsum('wbii->w', covariances).real)
         table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
@@ -98,6 +106,8 @@ class EgoNoise:
         power = np.maximum(values.mean(axis=-1), TINY)
         self._values = np.maximum(values, 0.0)[..., None] + power[..., None, None] * SHARES  # (s, b, m, l)
         self._log_volumes = np.log(self._values).sum(axis=2)
+        self.freedom = freedom_of(np.stack([in_time(self.whitener(each) @ window) for each, window in zip(
+            covariances, windows, strict=True)]))
 
     def likeliest(self, covariances: NDArray) -> tuple[int, NDArray]:
         """The throttle and the gains (b, m) with which a window with covariances (b, m, m) is most likely, whatever its levels.
@@ -126,3 +136,36 @@ def throttles(powers: NDArray) -> NDArray:
 def covariance(bands: NDArray) -> NDArray:
     """Covariances (b, m, m) of spectra (b, m, n)."""
     return bands @ bands.conj().swapaxes(-1, -2) / bands.shape[-1]
+
+
+def in_time(bands: NDArray) -> NDArray:
+    """The course in time (..., n) of bands with n bins: as many snapshots, with the same covariance."""
+    return np.fft.ifft(bands, norm='ortho')
+
+
+def freedom_of(snapshots: NDArray) -> float:
+    """Degrees of freedom of the t-distribution of white snapshots (w, b, m, n), by the mean square of their levels.
+
+    It is E(s^2) = (f - 2) / (f - 4) of that of Gaussian snapshots, whose shares of the level of a band have Dirichlet's
+    distribution.
+    """
+    microphones, count = snapshots.shape[-2:]
+    levels = np.mean(np.abs(snapshots) ** 2, axis=-2)
+    square = np.mean(levels**2, axis=-1) / np.maximum(np.mean(levels, axis=-1) ** 2, TINY)
+    excess = float(square.mean()) * (count * microphones + 1.0) / (count * (microphones + 1.0)) - 1.0
+    return 4.0 + 2.0 / max(excess, LEAST_EXCESS)
+
+
+def level_weights(snapshots: NDArray, freedom: float) -> NDArray:
+    """Weights (b, 1, n) of snapshots (b, m, n) with which the covariance is the most likely one if their levels vary.
+
+    Parameters:
+        snapshots (b, m, n): white but for their levels.
+        freedom: degrees of freedom of their t-distribution: with 0 all count alike, with many each by its level.
+    """
+    levels = np.maximum(np.mean(np.abs(snapshots) ** 2, axis=1, keepdims=True), TINY)
+    mean = usual = levels.mean(axis=2, keepdims=True)
+    for _ in range(LEVEL_STEPS):
+        weights = 1.0 / (0.5 * freedom / snapshots.shape[1] * usual + levels)
+        usual = np.mean(weights * levels, axis=2, keepdims=True) / np.mean(weights, axis=2, keepdims=True)
+    return np.asarray(weights * mean / np.mean(weights * levels, axis=2, keepdims=True))

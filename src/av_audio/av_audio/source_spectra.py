@@ -50,7 +50,7 @@ class SourceSpectra:
         if ego_noise is not None:
             ego_noise.check(array.channels, sample_rate)
             frames = (self._spectrum(window.T)[None] for window in ego_noise.windows(self._frame))
-            self._ego_noise = EgoNoise(self._by_band(frame) for frame in frames)
+            self._ego_noise = EgoNoise([self._by_band(frame) for frame in frames])
 
     @property
     def is_full(self) -> bool:
