@@ -21,15 +21,15 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Source, State, Targets, Track
+from av_common.track import State, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
-from av_fusion.consistency.events import Fault
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
+from av_fusion.withheld import as_predictions, contradicted
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -362,38 +362,18 @@ class FusionStage:
         if self.gate.contested:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
-            track, targets = _as_predictions(track, targets, reason)
+            track, targets = as_predictions(track, targets, reason)
         elif self.consistency is not None and self._stop_at_faults and track.state != State.NONE:
             belief = self.consistency.belief
             track = belief.of(track)
             targets = targets._replace(targets=tuple([one._replace(track=belief.of(one.track)) for one in targets.targets]))
             if fault is not None and fault.is_certain:
-                track, targets = _contradicted(track, targets, fault)
+                track, targets = contradicted(track, targets, fault)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = BASE_FRAME
         return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame),
                             targets_message(targets, frame))
-
-
-def _as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track, Targets]:
-    """The estimates as predictions, on which nothing moves, for a reason: one of several publishers may be a forger.
-
-    They state no measurement, as what comes by the other inputs is judged together with what the forger's left behind.
-    """
-    state = State.NONE if track.state == State.NONE else State.COASTING
-    predicted = track._replace(state=state, source=Source.NOTHING, measured=0.0, reason=reason, requested_rotation=0.0,
-                               look=None)
-    return predicted, targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
-
-
-def _contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:
-    """The estimates of a rig that is certainly not as described: nothing moves on them."""
-    uncertain = track._replace(front_probability=0.5, resolved=False)
-    unresolved = targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(resolved=False)) for target in targets.targets]))
-    return _as_predictions(uncertain, unresolved, f'the rig is not as described: {fault.text}')
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
