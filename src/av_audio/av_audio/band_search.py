@@ -207,8 +207,9 @@ class BandSearch:
         white = gains[..., None] * (vectors.conj().swapaxes(-1, -2) @ bands)
         of_bins = np.sum(np.abs(white) ** 2, axis=1)
         stretch = np.sum(self._offsets * of_bins, axis=1) / np.maximum(of_bins.sum(axis=1), TINY)
-        covariances = covariance(white)
-        if self._noise is not None:
+        if self._noise is None:
+            covariances = covariance(white)
+        else:
             snapshots = in_time(white)
             weights = level_weights(snapshots, 0.0 if self._method.even else self._noise.freedom)
             # What the recording is not known to, of the window's power: where that is all there is, it is no source.

@@ -41,7 +41,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 }
 
 # The cameras, and what the topics are called for the first one, by their topics.
-BY_CAMERA = {camera_topic(camera, name): (camera, name) for camera in CAMERAS for name in OF_CAMERA}
+_BY_CAMERA = {camera_topic(camera, name): (camera, name) for camera in CAMERAS for name in OF_CAMERA}
 _SEEN = camera_topics(CAMERAS, DETECTIONS)
 _CONTEXT = (*camera_topics(CAMERAS, CAMERA, VISIBILITY), ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS)
 # Topics to play for each stage from which on the results are computed again.
@@ -126,6 +126,11 @@ def absolute(name: str, namespace: str = '') -> str:
     return name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'.replace('//', '/')
 
 
+def of_camera(name: str) -> tuple[str, str]:
+    """The camera of a topic, and what the topic is called for the first one; no camera ('') and the same name for others."""
+    return _BY_CAMERA.get(name, ('', name))
+
+
 def _remapped(bag: Bag, name: str, topic: str) -> str:
     if topic not in bag.topics:
         raise BagError(f'{bag.path}: no topic {topic} for {name}; there are {", ".join(sorted(bag.topics))}')
@@ -158,7 +163,7 @@ def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
         kinds, count = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates), sum(
             bag.topics[topic].count for topic in candidates)
         return f'{kinds}, expected {" or ".join(KINDS[name])}; {count} messages are left out'
-    others = tuple(f'/{other}' for other in BY_CAMERA if other != name)
+    others = tuple(f'/{other}' for other in _BY_CAMERA if other != name)
     alike = [topic.name for topic in bag.topics.values() if topic.kind in KINDS[name] and not topic.name.endswith(others)]
     hint = f' (by its type {" or ".join(alike)} could be it: {name}:={alike[0]})' if alike else ''
     return f'no topic {name}{hint}'

@@ -66,7 +66,7 @@ class Pipeline:
 
     def take(self, name: str, message: Any, arrival: float) -> None:
         """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
-        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        camera, kind = names.of_camera(name)
         detection = self._detection.get(camera)
         try:
             self._share(name, message, arrival)
@@ -90,7 +90,7 @@ class Pipeline:
 
     def _share(self, name: str, message: Any, arrival: float) -> None:
         """Give the rig's pose and cameras, whose regions of interest may move, to all but the fusion. Raises ValueError."""
-        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        camera, kind = names.of_camera(name)
         if kind == names.CAMERA:
             self._converter.set_camera_info(message, camera)
             if problem := self._converter.problems.get(camera):
@@ -112,7 +112,7 @@ class Pipeline:
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
-        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        camera, kind = names.of_camera(name)
         if name == names.ODOMETRY:
             fusion.on_odometry(message, arrival)
         elif kind == names.CAMERA:
@@ -130,7 +130,7 @@ class Pipeline:
 
     def _follow(self, name: str, message: Any, arrival: float) -> None:
         """Take a message when the bearings are recorded ones."""
-        camera, kind = names.BY_CAMERA.get(name, ('', name))
+        camera, kind = names.of_camera(name)
         if name == names.DOA:
             self._recorder.on_doa(self._converter.doa(message), arrival)
         elif kind == names.DETECTIONS:

@@ -200,7 +200,7 @@ class Replay:
             raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
         for name in (*wanted, *camera_topics(cameras, names.CAMERA), names.ODOMETRY, *TRUTHS):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
-                without = WITHOUT[names.BY_CAMERA.get(name, ('', name))[1]]
+                without = WITHOUT[names.of_camera(name)[1]]
                 (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {without}')
         beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, *detections) if self.stage == 'bearing' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
