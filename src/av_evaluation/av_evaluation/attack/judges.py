@@ -113,10 +113,6 @@ class CommandLimits:
         self._before: Any = None
         self._credit: dict[str, float] = {}    # s of full acceleration by axis, ahead of the commands' times
 
-    def forget(self) -> None:
-        """The next command starts a new sequence: it has no acceleration."""
-        self._before = None
-
     def check(self, command: Any, elapsed: float) -> str:
         """The first fault of a command, '' for none.
 
@@ -178,11 +174,6 @@ class CommandJudge:
     def end(self, now: float) -> None:
         """From `now` (s) on motion is permitted again."""
         self._still_until = now
-
-    def forget(self) -> None:
-        """The process that makes the commands starts again."""
-        self._waiting.clear()
-        self._limits.forget()
 
     def on_input(self, kind: str, published: float, stamp: float) -> None:
         """A `measurement` or `odometry`, with the times (s) of its publication and capture; old ones justify no motion."""

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation attack: hostile messages and signals against the running rig.
+"""ros2 run av_evaluation attack: hostile messages against the running rig.
 
 One attack after the other until the time is over or tracking does not come back, and the verdict on what must hold throughout.
 """
@@ -29,22 +29,20 @@ from av_evaluation.attack.observer import Observer
 from av_evaluation.processes import MarkedProcesses, launched_rig, slowdown
 from av_simulator.cli.arguments import port_offset
 
-KINDS = ('messages', 'no inputs', 'disabled', 'kill', 'stop')
+KINDS = ('messages', 'no inputs', 'disabled')
 SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
 MESSAGE_RATE = 30.0        # Hz, to each topic
 START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
-STOPPED_S = 2.0            # for which a process is stopped
 NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
 STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
 # Where nothing waits for a processor. What begins to hear again needs SOUND_S more on any machine: the newest second of sound
 # decides whether it is that of a drone.
-MOST_RESPAWN_S, MOST_RECOVERY_S, SOUND_S = 2.0, 1.0, 1.0
-NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
+MOST_RECOVERY_S, SOUND_S = 1.0, 1.0
 COMMANDS = '/pointing/command'
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
-IN_TIME = 'tracking and processes are back in time'
+IN_TIME = 'tracking is back in time'
 
 
 @dataclass
@@ -52,13 +50,11 @@ class Result:
     """What one attack did.
 
     Attributes:
-        name: of the attack, with the process that it concerns.
+        name: of the attack.
         sent: number of messages by their topic.
-        deaths: processes that ended though nobody killed them.
+        deaths: processes that ended.
         found: commands that were bad, or moved what must not move.
         recovery (s): from the end until tracking was back; None where it did not come back.
-        most_recovery (s): that is permitted, on a machine on which nothing waits for a processor.
-        respawn (s): from a kill until the process was back; inf where it was not.
         slowdown: of the rig by other load, from the start of the attack until tracking was back.
         meanwhile: bearings until then by what was wrong with them.
         faults: further reasons why the attack succeeded.
@@ -69,8 +65,6 @@ class Result:
     deaths: list[str] = field(default_factory=list)
     found: Findings = field(default_factory=Findings)
     recovery: float | None = None
-    most_recovery: float = MOST_RECOVERY_S
-    respawn: float = 0.0
     slowdown: float = 1.0
     meanwhile: dict[str, int] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
@@ -78,18 +72,14 @@ class Result:
     @property
     def late(self) -> list[str]:
         """What took longer than is permitted on a machine as slow as this one was."""
-        found = []
-        if self.respawn > MOST_RESPAWN_S * self.slowdown:
-            found.append(f'the process is back after {self.respawn:.1f} s')
-        if self.recovery is None:
-            found.append(f'tracking is not back {self.meanwhile}')
-        elif self.recovery > SOUND_S + self.most_recovery * self.slowdown:
-            found.append(f'tracking is back after {self.recovery:.1f} s')
-        return [f'{one}, {self.slowdown:.1f} times slower than alone' for one in found]
+        if self.recovery is not None and self.recovery <= SOUND_S + MOST_RECOVERY_S * self.slowdown:
+            return []
+        back = f'not back {self.meanwhile}' if self.recovery is None else f'back after {self.recovery:.1f} s'
+        return [f'tracking is {back}, {self.slowdown:.1f} times slower than alone']
 
 
 class Attack:
-    """The attacks on one rig, each a method that takes its result and the name of a process.
+    """The attacks on one rig, each a method that takes its result.
 
     Parameters:
         options: `minutes` of all attacks, of which the first round has all kinds; `out`, the folder for what is written; names
@@ -99,10 +89,10 @@ class Attack:
     def __init__(self, options: Namespace) -> None:
         self._options, self._random = options, random.Random(0)
         self._results: list[Result] = []
-        self._killed: set[int] = set()
+        self._replaced: set[int] = set()    # simulators that the launch has replaced because they were stopped
         self._opened = ExitStack()
-        self._kinds: dict[str, Callable[[Result, str], float]] = dict(zip(KINDS, (
-            self._messages, self._no_inputs, self._disabled, self._kill, self._stop), strict=True))
+        self._kinds: dict[str, Callable[[Result], None]] = dict(zip(KINDS, (
+            self._send, self._no_inputs, self._disabled), strict=True))
 
     def run(self) -> int:
         """Attack, print and write the results; returns 1 where a verdict fails, 2 where the attack itself fails."""
@@ -140,27 +130,26 @@ class Attack:
         return {name: number for number, name in self._rig.alive().items() if name.endswith('_node') or name == 'simulator'}
 
     def _attack_all(self) -> None:
-        """Attack by all kinds in turn, round after round, those of processes one after the other."""
-        self._begun, parts = time.monotonic(), sorted(self._parts())
-        victims = self._random.sample(parts, len(parts))
+        """Attack by all kinds in turn, round after round."""
+        self._begun = time.monotonic()
         for number in count():
-            for shift, kind in enumerate(self._options.only or KINDS):
+            for kind in self._options.only or KINDS:
                 over = number and time.monotonic() > self._begun + 60.0 * self._options.minutes
-                if over or not self._attack(kind, victims[(number + shift) % len(victims)]):
+                if over or not self._attack(kind):
                     return
 
-    def _attack(self, kind: str, name: str) -> bool:
+    def _attack(self, kind: str) -> bool:
         """Attack once; returns whether the rig tracks again."""
         with suppress(TimeoutError):
             self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
-        result, before = Result(f'{kind} {name}' if kind in ('kill', 'stop') else kind), self._parts()
-        times, observer, ended = self._rig.run_times(), self._observer, time.time()
+        result, before, times, observer = Result(kind), self._parts(), self._rig.run_times(), self._observer
         with observer.lock:
             observer.commands.begin()
         try:
-            ended = self._kinds[kind](result, name)
+            self._kinds[kind](result)
         except KeyError as error:
             result.faults.append(f'{error} does not run')
+        ended = time.time()
         with observer.lock:
             observer.bearings.forget_truth(ended)
         result.recovery = self._tracks(ended, PATIENCE_S)
@@ -169,7 +158,7 @@ class Attack:
             result.found = observer.commands.findings
         result.slowdown = slowdown(times, self._rig.run_times())
         after = set(self._parts().values())
-        result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
+        result.deaths = [dead for dead, number in before.items() if number not in after | self._replaced]
         self._results.append(result)
         self._show(result)
         return result.recovery is not None and self._rig.process.poll() is None
@@ -192,33 +181,37 @@ class Attack:
             time.sleep(0.1)
 
     def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
-        """Attack the topics, with options of `Messages.attack`."""
+        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used.
+
+        Parameters:
+            result: gets the numbers of messages.
+            seconds: duration.
+            options: of `Messages.attack`.
+        """
         result.sent = self._peer.attack(seconds, MESSAGE_RATE, self._random.randrange(2**31), **options)
 
-    def _messages(self, result: Result, _: str) -> float:
-        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used."""
-        self._send(result)
-        return time.time()
-
-    def _no_inputs(self, result: Result, _: str) -> float:
+    def _no_inputs(self, result: Result) -> None:
         """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
         simulator = self._parts()['simulator']
-        with self._stopped(simulator), self._still():
-            self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
+        os.kill(simulator, signal.SIGSTOP)
+        try:
+            with self._still():
+                self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(simulator, signal.SIGCONT)
         if self._parts().get('simulator') != simulator:    # replaced, on a slow machine
-            self._killed.add(simulator)
-        return time.time()
+            self._replaced.add(simulator)
 
-    def _disabled(self, result: Result, _: str) -> float:
+    def _disabled(self, result: Result) -> None:
         """Pointing is disabled, and no message moves the rig, however genuine it looks."""
         if not self._peer.enable(False):
             result.faults.append('pointing could not be disabled')
-            return time.time()
+            return
         with self._still():
             self._send(result, spare=(COMMANDS,))
         if not self._peer.enable(True):
             result.faults.append('pointing could not be enabled again')
-        return time.time()
 
     @contextmanager
     def _still(self) -> Iterator[None]:
@@ -231,38 +224,6 @@ class Attack:
         finally:
             with self._observer.lock:
                 self._observer.commands.end(time.time())
-
-    @staticmethod
-    @contextmanager
-    def _stopped(number: int) -> Iterator[None]:
-        """A process does not run."""
-        os.kill(number, signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            with suppress(ProcessLookupError):
-                os.kill(number, signal.SIGCONT)
-
-    def _kill(self, result: Result, name: str) -> float:
-        """A process is killed: it runs again within MOST_RESPAWN_S. Returns the time of the signal."""
-        result.most_recovery, number = MOST_RESPAWN_S, self._parts()[name]
-        self._killed.add(number)
-        os.kill(number, signal.SIGKILL)
-        result.sent, ended = {f'SIGKILL to {name}': 1}, time.time()
-        if name == 'pointing_node':
-            self._observer.commands.forget()
-        result.respawn = math.inf
-        with suppress(TimeoutError):
-            self._wait(PATIENCE_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
-            result.respawn = time.time() - ended
-        return ended
-
-    def _stop(self, result: Result, name: str) -> float:
-        """A process is stopped, and continues later."""
-        result.sent = {f'SIGSTOP to {name}': 1}
-        with self._stopped(self._parts()[name]):
-            time.sleep(STOPPED_S)
-        return time.time()
 
     def _show(self, result: Result) -> None:
         back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
