@@ -6,7 +6,6 @@ import math
 import signal
 import sys
 import time
-from dataclasses import replace
 
 import pytest
 from nav_msgs.msg import Odometry
@@ -16,10 +15,9 @@ from av_evaluation.attack.judges import BearingCheck, CommandJudge, CommandLimit
 from av_evaluation.cli.attack import IN_TIME, Result, verdicts
 from av_evaluation.processes import MarkedProcesses, slowdown
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import Command, Mode, PointingSettings
+from av_pointing.controller import PointingSettings
 
 START = 1000.0
-STILL = Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
 
 
 @pytest.mark.parametrize(('fields', 'fault'), [
@@ -27,8 +25,8 @@ STILL = Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
     ({'tilt': 1.0}, 'tilt is out'), ({'yaw_rate': 0.9}, 'yaw is out'), ({'yaw_rate': 0.5}, 'yaw accelerates'), ({}, '')])
 def test_limits_of_commands(fields, fault):
     limits = CommandLimits(PointingSettings())
-    assert not limits.check(STILL, 1.0)
-    found = limits.check(replace(STILL, **fields), 0.02)
+    assert not limits.check(PointingCommand(), 1.0)
+    found = limits.check(PointingCommand(**fields), 0.02)
     assert found.startswith(fault) and bool(found) == bool(fault)
 
 
@@ -39,7 +37,7 @@ def test_jitter_of_stamps_hides_no_lasting_acceleration():
         for number in range(40):
             change = (0.02 if number < 20 else -0.02) * factor * settings.pan.acceleration
             rate = min(max(rate + change, -settings.pan.rate), settings.pan.rate)
-            faults.append(limits.check(replace(STILL, pan_rate=rate), 0.02 + (0.01 if number % 2 else -0.01)))
+            faults.append(limits.check(PointingCommand(pan_rate=rate), 0.02 + (0.01 if number % 2 else -0.01)))
         assert any(faults) == (factor > 1.0)
 
 

@@ -12,7 +12,8 @@ from std_msgs.msg import Float32
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
-from av_pointing.controller import LEAD_S, Command, Mode, PointingController, PointingSettings
+from av_interfaces.msg import PointingCommand
+from av_pointing.controller import LEAD_S, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
 from av_px4.guard import BodyGuard, Inputs
@@ -170,7 +171,7 @@ class Undelayed(PointingController):
         else:
             rate = track.azimuth_world_rate
             self._simple.follow(float(wrap(track.azimuth + LEAD_S * (rate - self._simple.velocity))), rate, dt)
-        return Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, self._simple.velocity, False, True)
+        return PointingCommand(yaw_rate=self._simple.velocity, move_body=True)
 
 
 def test_a_controller_that_knows_nothing_of_delays_swings():

@@ -3,6 +3,6 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'controller': 'Command PointingController',
+    'controller': 'PointingController',
     'stage': 'PointingStage make_pointing_stage',
 })

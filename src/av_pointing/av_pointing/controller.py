@@ -13,11 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from std_msgs.msg import Header
+
 from av_common.angles import wrap
-from av_common.frames import yaw_of
+from av_common.frames import BASE_FRAME, yaw_of
+from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.limited_axis import AxisLimits
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
+from av_interfaces.msg import PointingCommand
 from av_pointing.body_axis import Aim, BodyAxis
 from av_pointing.gimbal_axes import GimbalAxes
 from av_pointing.response import Response
@@ -118,30 +122,6 @@ class PointingSettings:
             raise ValueError(f"on_stale is {self.on_stale!r}, expected 'hold' or 'neutral'")
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command.
-
-    Parameters:
-        mode, reason: mode of the command and its reason.
-        pan, tilt (rad), pan_rate, tilt_rate (rad/s): angles and rates of the gimbal, in `base_stabilized` or the rig's frame.
-        yaw_rate (rad/s): yaw rate of the body, counter-clockwise.
-        move_gimbal, move_body: whether gimbal and body follow the command.
-        stabilized: whether pan and tilt are in `base_stabilized`.
-    """
-
-    mode: Mode
-    reason: str
-    pan: float
-    tilt: float
-    pan_rate: float
-    tilt_rate: float
-    yaw_rate: float
-    move_gimbal: bool
-    move_body: bool
-    stabilized: bool = False
-
-
 class PointingController:
     """Computes commands from tracks; `step` is called at least every PERIOD_S.
 
@@ -206,8 +186,8 @@ class PointingController:
         self.body.motion.measure(time, yaw_of(attitude_wxyz))
         self.gimbal.on_attitude(attitude_wxyz)
 
-    def step(self, time: float, track: Track | None, ages: Ages, cue: Look | None = None) -> Command:
-        """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
+    def step(self, time: float, track: Track | None, ages: Ages, cue: Look | None = None) -> PointingCommand:
+        """The command from the newest track, without a stamp. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
 
         Parameters:
             time (s): time of the command, monotonic.
@@ -240,8 +220,10 @@ class PointingController:
             self._track(time, dt, track, ages)
         yaw_rate = self.body.command(time, left, self.enabled and settings.move_body)
         pan, tilt = self.gimbal.pan, self.gimbal.tilt
-        return Command(mode, reason, pan.position, tilt.position, pan.velocity, tilt.velocity, yaw_rate,
-                       self.enabled and settings.move_gimbal, self.enabled and settings.move_body, settings.stabilized)
+        return PointingCommand(
+            header=Header(frame_id=BASE_STABILIZED if settings.stabilized else BASE_FRAME), mode=int(mode), reason=reason,
+            move_gimbal=self.enabled and settings.move_gimbal, pan=pan.position, tilt=tilt.position, pan_rate=pan.velocity,
+            tilt_rate=tilt.velocity, move_body=self.enabled and settings.move_body, yaw_rate=yaw_rate)
 
     def _stale(self, track: Track | None, ages: Ages) -> str:
         """Why there is no fresh bearing; empty where there is one."""

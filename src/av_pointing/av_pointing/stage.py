@@ -8,20 +8,19 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import Float32, Header
+from std_msgs.msg import Float32
 
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S, REMEMBERED, CaptureClock, FreshInput, Instant
-from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import Ages, Command, Look, PointingController
+from av_pointing.controller import Ages, Look, PointingController
 from av_pointing.settings import pointing_settings
 
 
@@ -44,7 +43,7 @@ class PointingStage:
 
     def __init__(self, controller: PointingController) -> None:
         self.controller = controller
-        self.command: Command | None = None
+        self.command: PointingCommand | None = None
         self._track: Track | None = None
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._stated: dict[float, tuple[float, float]] = {}  # by `measured`: when it was first stated and captured (steady)
@@ -122,7 +121,8 @@ class PointingStage:
                     self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now),
                     self._is_supported(now))
         self.command = self.controller.step(now.steady, self._track, ages, None if self.contested else self._cue)
-        return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else BASE_FRAME)
+        self.command.header.stamp = to_stamp(now.ros)
+        return self.command
 
     def _is_supported(self, now: Instant) -> bool:
         """Whether the newest bearing rests on a measurement.
@@ -135,20 +135,6 @@ class PointingStage:
         stated, own = self._stated[track.measured]
         young = now.steady - stated < STOP_WITHIN and now.steady - own < OLDEST_MEASUREMENT_S
         return now.steady - own <= captured or young
-
-
-def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:
-    """A command as message, valid at `time` (s) in the frame `frame_id`.
-
-    Parameters:
-        command: the command.
-        time (s): time for which it is valid.
-        frame_id: frame of pan and tilt.
-    """
-    return PointingCommand(
-        header=Header(stamp=to_stamp(time), frame_id=frame_id), mode=int(command.mode), reason=command.reason,
-        move_gimbal=command.move_gimbal, pan=command.pan, tilt=command.tilt, pan_rate=command.pan_rate,
-        tilt_rate=command.tilt_rate, move_body=command.move_body, yaw_rate=command.yaw_rate)
 
 
 def make_pointing_stage(parameters: Any, gimbal: GimbalMount | None = None) -> PointingStage:

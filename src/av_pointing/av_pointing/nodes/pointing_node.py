@@ -25,7 +25,7 @@ from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import PERIOD_S
+from av_pointing.controller import PERIOD_S, Mode
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
 from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
@@ -143,7 +143,7 @@ class PointingNode(RigNode):
         if self._settings.move_body:
             self._diagnose_body(status)
         if self._stage.command is not None:
-            status.add('mode', f'{self._stage.command.mode.name}: {self._stage.command.reason}')
+            status.add('mode', f'{Mode(self._stage.command.mode).name}: {self._stage.command.reason}')
 
     def _diagnose_body(self, status: DiagnosticStatusWrapper) -> None:
         """What is known of the vehicle's answer and of the age of bearings."""
