@@ -35,8 +35,6 @@ IMPLICIT = {
 }
 # Plugins with which `make test` runs the tests of all packages; listed once, for the package below all others.
 TEST_PLUGINS = {'av_common': {'python3-pytest-timeout', 'python3-pytest-xdist'}}
-# Permitted pairs of a package and a module that its tests import although that module depends on the package.
-TESTED_TOGETHER: set[tuple[str, str]] = set()
 PARAMETERS = 'generate_parameter_library_py'
 
 
@@ -99,8 +97,7 @@ def faults(package: Path) -> Iterator[str]:
         for key in sorted(given ^ set(names)):
             yield f'{file}: {kind} {key} is {"not imported" if key in given else "missing"}'
     for name in sorted(tested(package) & users(package)):
-        if (package.name, name) not in TESTED_TOGETHER:
-            yield f'{package / "test"}: imports {name}, which needs {package.name}: move the test to {name} or to test/'
+        yield f'{package / "test"}: imports {name}, which needs {package.name}: move the test to {name} or to test/'
 
 
 def main(arguments: list[str]) -> int:
