@@ -234,7 +234,7 @@ def test_a_rig_alone_claims_no_more_than_it_promises(contract, tmp_path, voice, 
 
 
 def test_between_bursts_of_own_noise_a_drone_is_heard(contract, tmp_path):
-    """With a recording of two loose sheets that are 8 dB louder in the mean: most directions are in the half of a lobe."""
+    """With a recording of two loose sheets that are 8 dB louder in the mean: nine of ten directions are in the lobe."""
     soundfile, errors = pytest.importorskip('soundfile'), []
     for seed, azimuth in enumerate((50.0, -20.0, 5.0, -60.0)):
         recorded, flown = rig_alone(flaps, PAIR, seed, 8.0, parts=2)
@@ -244,7 +244,8 @@ def test_between_bursts_of_own_noise_a_drone_is_heard(contract, tmp_path):
         stage = hearing(PAIR, hop=0.5, ego_noise=str(tmp_path / 'alone.wav'))
         found = [strongest(message, azimuth) for message in directions_of(stage, (0.05 * both / both.std()).astype(np.float32))]
         errors += [abs(best[0]) if best else 180.0 for best in found]
-    contract(at_most('median error', float(np.median(errors)), 0.5 * LOBE_DEG, 'deg'))
+    contract(at_most('median error', float(np.median(errors)), 0.5 * LOBE_DEG, 'deg'),
+             at_most('beyond a lobe', float(np.mean(np.array(errors) > LOBE_DEG)), 0.1))
 
 
 @pytest.mark.xfail(strict=False, reason='followed for about 0.2 of the time')

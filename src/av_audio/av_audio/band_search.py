@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.drift import is_positive
 from av_audio.ego_noise import BAND_HZ, MIN_DURATION_S, SHARES, EgoNoise, covariance, in_time, level_weights, throttles
-from av_audio.ego_peaks import EgoPeaks
+from av_audio.ego_peaks import EgoPeaks, EgoValues
 from av_audio.spectra import TINY
 from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, with_other_lobes
 from av_common.microphone_array import PLACED_M, MicrophoneArray
@@ -73,7 +74,7 @@ class _Window(NamedTuple):
         power (b, 1): of the bands.
         vectors (b, m, m), gains (b, m): that whiten, one after the other; see `EgoNoise`.
         stretch (b, 1, 1): mean frequency of the power in a band over the band's centre.
-        values (b, g): on the grid.
+        values (b, g): on the grid, by what those of the rig alone are like.
     """
 
     matrices: NDArray
@@ -102,11 +103,15 @@ class BandSearch:
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, weights: NDArray, speed_of_sound: float, method: str,
                  recording: Iterable[NDArray] = ()) -> None:
         self._array, self._method = array, BAND_METHODS[method]
-        self._bins = max(array.channels, round(BAND_HZ / float(frequencies[1] - frequencies[0])))
+        spacing = float(frequencies[1] - frequencies[0])
+        self._bins = max(array.channels, round(BAND_HZ / spacing))
         self._count = len(frequencies) // self._bins
-        by_band = frequencies[:self._count * self._bins].reshape(self._count, -1)
-        centres = by_band.mean(axis=1, keepdims=True)
-        self._offsets = by_band / centres
+        centres = frequencies[:self._count * self._bins].reshape(self._count, -1).mean(axis=1, keepdims=True)
+        # Bands overlap by half. Their taper, half a sine (Harris, 1978), keeps lines and bursts apart from their neighbours.
+        within = np.arange(2 * self._bins) + 0.5
+        self._offsets = 1.0 + (within - self._bins) * spacing / centres
+        self._taper = (math.sqrt(2.0) * np.sin(np.pi * within / len(within))).astype(np.float32)
+        self._starts = np.arange(0, self._count, round(CLUSTER_HZ / BAND_HZ))
         self._weights = weights[:self._count * self._bins].reshape(self._count, -1).mean(axis=1)[:, None]
         # phase per unit of q (b, m, rank): nearer microphones are ahead
         self._phase = 2.0 * np.pi * centres[..., None] * (array.positions @ array.basis) / speed_of_sound
@@ -114,35 +119,48 @@ class BandSearch:
         self._apart = 2.0 * self._step  # peaks that are closer are at one place
         self.grid = direction_grid(array.rank, 1.0 / self._step)
         self._cell = (2.0 * MARGIN, np.pi * MARGIN**2, 4.0 * np.pi)[array.rank - 1] / len(self.grid)
-        _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
+        self._tree = cKDTree(self.grid)
+        _, neighbours = self._tree.query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
         self._neighbours = neighbours[:, 1:]
         self._placed = (0.5 * PLACED_M / array.aperture) ** 2  # the tolerance is two standard deviations
         # Windows, which overlap by half: what passes sooner, as a knock or motors that start, is no throttle.
-        self._least = 2.0 * MIN_DURATION_S * float(frequencies[1] - frequencies[0])
+        self._least = 2.0 * MIN_DURATION_S * spacing
         self._listen([self._bands(spectra) for spectra in recording])
 
     def _listen(self, windows: list[NDArray]) -> None:
-        """Learn the rig's own noise from windows (b, m, n), and what its peaks are like after whitening by other windows."""
+        """Learn the rig's own noise from windows (b, m, n), and what it leaves after whitening by other windows."""
         self._noise: EgoNoise | None = None
         self._alone: list[EgoPeaks] = []  # the highest in each window, and the next
+        self._usual = EgoValues.none(self._count, len(self.grid))
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
         if not windows:
             return
-        throttle, found = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows])), []
+        throttle = throttles(np.array([np.mean(np.abs(bands) ** 2) for bands in windows]))
         lasts = np.bincount(throttle)[throttle] >= self._least
         if lasts.any():
             throttle, windows = throttle[lasts], [windows[k] for k in np.flatnonzero(lasts)]
         of_one = [throttle == one for one in np.unique(throttle)]
         late = np.any([these & (np.cumsum(these) > 0.5 * np.sum(these)) for these in of_one], axis=0)  # half of each throttle
-        for other in (late, ~late) if np.sum(~late) > 1 else ():
-            self._noise = EgoNoise([windows[k] for k in np.flatnonzero(~other)])
-            self._use(self._noise.vectors)
-            found += [self._two_highest(self._window(windows[k])) for k in np.flatnonzero(other)]
-        for peaks in zip(*found, strict=True):
-            heights, places = zip(*peaks, strict=True)
-            self._alone.append(EgoPeaks.of(heights, self.grid[list(places)], self.grid, self._apart))
+        if np.sum(~late) > 1:
+            halves = [[windows[k] for k in np.flatnonzero(half)] for half in (~late, late)]
+            known = [EgoNoise(half) for half in halves]
+            usual = [EgoValues.of((window.values for window in self._whitened(noise, half)), self._starts)
+                     for noise, half in zip(known[::-1], halves, strict=True)]
+            found = []
+            for self._usual, noise, half in zip(usual[::-1], known[::-1], halves, strict=True):
+                found += [self._two_highest(window) for window in self._whitened(noise, half)]
+            for peaks in zip(*found, strict=True):
+                heights, places = zip(*peaks, strict=True)
+                self._alone.append(EgoPeaks.of(heights, self.grid[list(places)], self.grid, self._apart))
+            self._usual = usual[0].beside(usual[1])
         self._noise = EgoNoise(windows)
         self._use(self._noise.vectors)
+
+    def _whitened(self, known: EgoNoise, heard: Sequence[NDArray]) -> Iterator[_Window]:
+        """Windows (b, m, n) that are heard, as `_window` gives them where this own noise is known."""
+        self._noise = known
+        self._use(known.vectors)
+        return map(self._window, heard)
 
     def _use(self, vectors: NDArray) -> None:
         self._vectors = vectors
@@ -158,7 +176,7 @@ class BandSearch:
         window = self._window(self._bands(spectra))
         found = [self._judged(self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool)), 0)]
         while len(found) < most and found[0].significance > 0.0:
-            explained = np.max([self._at(window, peak.q[None])[:, 0] for peak in found], axis=0)
+            explained = np.max([self._at(window, peak.q[None], self._nearest(peak.q))[:, 0] for peak in found], axis=0)
             tops = self._tops(window, explained, [peak.q for peak in found])
             peak = self._judged(self._peak(window, explained, tops), 1) if tops.any() else None
             if peak is None or peak.source_probability < 0.5:
@@ -196,7 +214,13 @@ class BandSearch:
 
     def _bands(self, spectra: NDArray) -> NDArray:
         """Spectra (b, m, n) of n bins in each band, from spectra (m, k)."""
-        return spectra[:, :self._count * self._bins].reshape(len(spectra), self._count, -1).transpose(1, 0, 2)
+        count, before = self._count * self._bins, self._bins // 2
+        padded = np.pad(spectra[:, :count], ((0, 0), (before, self._bins - before)))
+        return self._taper * sliding_window_view(padded, 2 * self._bins, axis=1)[:, ::self._bins].transpose(1, 0, 2)
+
+    def _nearest(self, q: NDArray) -> int:
+        """The point of the grid that is nearest to q (rank,)."""
+        return int(self._tree.query(q)[1])
 
     def _window(self, bands: NDArray) -> _Window:
         """What is searched in the spectra (b, m, n) of a window."""
@@ -219,7 +243,7 @@ class BandSearch:
         power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
         matrices = self._method.matrices(covariances / power[:, None, None]).astype(np.complex64)
         window = _Window(matrices, power[:, None], vectors, gains.astype(np.float32), stretch[:, None, None], np.zeros(0))
-        return window._replace(values=self._values(window, self._steering[throttle]))
+        return window._replace(values=self._usual.standard(self._values(window, self._steering[throttle])))
 
     def _steered(self, points: NDArray, vectors: NDArray, stretch: NDArray | float = 1.0) -> NDArray:
         """Steering vectors (b, m, g) of points (g, rank) by the components that `vectors` (b, m, m) are."""
@@ -231,9 +255,15 @@ class BandSearch:
         form = np.sum((white.conj() * (window.matrices @ white)).real, axis=1)
         return self._weights * self._method.value(form / np.sum(np.abs(white) ** 2, axis=1), window.power)
 
-    def _at(self, window: _Window, points: NDArray) -> NDArray:
-        """Values (b, g) at points (g, rank)."""
-        return self._values(window, self._steered(points, window.vectors, window.stretch))
+    def _at(self, window: _Window, points: NDArray, near: int) -> NDArray:
+        """Values (b, g) at points (g, rank), by what those of the rig alone are like at a point of the grid.
+
+        Parameters:
+            window: the window.
+            points (g, rank): where.
+            near: number of that point, which is close to all of them.
+        """
+        return self._usual.near(near).standard(self._values(window, self._steered(points, window.vectors, window.stretch)))
 
     def _peak(self, window: _Window, explained: NDArray, tops: NDArray) -> Peak:
         """The highest peak of what other sources do not explain.
@@ -249,10 +279,10 @@ class BandSearch:
         q, step = self.grid[best], self._step
         for _ in range(REFINEMENTS):  # Newton's steps would leave a peak that is narrower than they are
             points = _stencil(q, _tangent(q), step)
-            q = points[int(np.argmax(_gain(self._at(window, points), explained).sum(axis=0)))]
+            q = points[int(np.argmax(_gain(self._at(window, points, best), explained).sum(axis=0)))]
             step *= 0.5
         axes = _tangent(q)
-        slopes, curvature = _derivatives(_gain(self._at(window, _stencil(q, axes, step)), explained), len(axes), step)
+        slopes, curvature = _derivatives(_gain(self._at(window, _stencil(q, axes, step), best), explained), len(axes), step)
         rise = _rise(values)[:, best]
         significance = _significance(rise)
         if significance <= 0.0 or not is_positive(curvature):  # of a flat sum the curvature is that of rounding errors
@@ -260,7 +290,7 @@ class BandSearch:
             return Peak(q, unknown, np.zeros_like(unknown), 0.0, 0.0)
         q = _on_sphere((q + np.clip(np.linalg.solve(curvature, slopes.sum(axis=1)), -step, step) @ axes)[None])[0]
         inverse = np.linalg.inv(curvature)
-        gradients = np.add.reduceat(slopes, np.arange(0, self._count, round(CLUSTER_HZ / BAND_HZ)), axis=1)
+        gradients = np.add.reduceat(slopes, self._starts, axis=1)
         spread = inverse @ (gradients @ gradients.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         scale = len(axes) / max(float(np.trace(spread @ curvature)), TINY)
         # where a parabola of this curvature falls to the mean of the curve, the lobe ends

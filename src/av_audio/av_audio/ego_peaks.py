@@ -1,9 +1,9 @@
-"""Peaks that the rig's own noise leaves where a recording whitens it: how high they are, and where."""
+"""What the rig's own noise leaves where a recording whitens it: values of bands by direction, and heights of peaks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +11,67 @@ from numpy.typing import NDArray
 
 from av_audio.spectra import TINY
 
-# Least standard deviation of the heights of noise over their mean, of which a recording has few windows.
+# Least standard deviation of the heights of noise over their mean, of which a recording has few windows; and of the values of
+# bands over that of the others, where a codec has removed the noise.
 LEAST_SPREAD = 0.1
+PRIOR_WINDOWS = 10.0  # as which the deviation in all directions counts for each: a recording has some 30, which overlap
 ROUNDED = 1e-4  # a p-value this close to 1 is 1: odds are a difference of nearly equal numbers there
+
+
+class EgoValues(NamedTuple):
+    """Values of bands in windows of the rig alone: what whitening by other windows leaves of own noise.
+
+    It is neither white nor even, since each rotor and wheel varies by itself. A source is what differs from it: values less
+    their mean, over the deviation of their cluster of bands.
+
+    Parameters:
+        mean (b, g): of each band in each direction.
+        deviation (b, g): of the sums over clusters of bands.
+    """
+
+    mean: NDArray
+    deviation: NDArray
+
+    @classmethod
+    def none(cls, bands: int, directions: int) -> EgoValues:
+        """Where the rig alone is not known.
+
+        Parameters:
+            bands, directions: their numbers.
+        """
+        zero, one = (np.broadcast_to(np.float32(value), (bands, directions)) for value in (0.0, 1.0))
+        return cls(zero, one)
+
+    @classmethod
+    def of(cls, windows: Iterable[NDArray], starts: NDArray) -> EgoValues:
+        """Learn from windows.
+
+        Parameters:
+            windows (b, g): values of each.
+            starts (c,): first bands of the clusters.
+        """
+        count, total, square = 0, np.zeros(1), np.zeros(1)
+        for values in windows:
+            count, total = count + 1, total + values
+            square = square + np.add.reduceat(values, starts, dtype=float) ** 2
+        mean = total / count
+        variance = square / count - np.add.reduceat(mean, starts) ** 2
+        shared = (count * variance + PRIOR_WINDOWS * variance.mean(axis=1, keepdims=True)) / (count + PRIOR_WINDOWS)
+        least = LEAST_SPREAD**2 * max(float(shared.mean()), TINY)
+        deviation = np.sqrt(np.maximum(shared, least)).repeat(np.diff(starts, append=len(mean)), axis=0)
+        return cls(mean.astype(np.float32), deviation.astype(np.float32))
+
+    def beside(self, other: EgoValues) -> EgoValues:
+        """Of the windows of both, which are as many."""
+        return EgoValues(0.5 * (self.mean + other.mean), np.sqrt(0.5 * (self.deviation**2 + other.deviation**2)))
+
+    def standard(self, values: NDArray) -> NDArray:
+        """Standardised values (b, g)."""
+        return np.asarray((values - self.mean) / self.deviation)
+
+    def near(self, point: int) -> EgoValues:
+        """What it is at a point of the grid."""
+        return EgoValues(self.mean[:, point, None], self.deviation[:, point, None])
 
 
 class EgoPeaks(NamedTuple):
