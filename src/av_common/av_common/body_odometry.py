@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -14,8 +13,8 @@ from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.gimbal_history import NotYetKnownError
-from av_common.quaternions import Quaternion as Orientation
-from av_common.quaternions import inverse, product
+from av_common.pose_messages import odometry_message
+from av_common.quaternions import Quaternion, inverse, product
 from av_common.stamps import to_seconds, to_stamp
 
 TF_WAIT_S = 1.0    # for the fixed frames, which come late where their publisher is found late
@@ -68,7 +67,7 @@ class BodyOdometry:
         self._rotation_of, self._wait = rotation_of, wait
         self._first: dict[str, float] = {}
         # Rotation into the body, and that from it as a quaternion; None of frames that are turned as the body is.
-        self._turns: dict[str, tuple[NDArray[np.float64], Orientation] | None] = {}
+        self._turns: dict[str, tuple[NDArray[np.float64], Quaternion] | None] = {}
         self.assumed: set[str] = set()
 
     def forget(self) -> None:
@@ -97,7 +96,7 @@ class BodyOdometry:
         return message if turn is None else carried(message, *turn)
 
 
-def carried(message: Any, rotation: NDArray[np.float64], from_body: Orientation) -> Odometry:
+def carried(message: Any, rotation: NDArray[np.float64], from_body: Quaternion) -> Odometry:
     """The odometry of the body that carries a sensor, without covariances. Raises ValueError for a stamp that is none.
 
     Parameters:
@@ -105,14 +104,8 @@ def carried(message: Any, rotation: NDArray[np.float64], from_body: Orientation)
         rotation (3, 3): from the sensor's frame to the body's.
         from_body (w, x, y, z): the inverse.
     """
-    body = Odometry(header=Header(stamp=to_stamp(to_seconds(message.header.stamp)), frame_id=message.header.frame_id),
-                    child_frame_id=BASE_FRAME)
-    attitude, place = message.pose.pose.orientation, message.pose.pose.position
-    w, x, y, z = product(attitude_of(attitude), from_body)
-    body.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
-    body.pose.pose.position = Point(x=place.x, y=place.y, z=place.z)
-    for name in ('linear', 'angular'):
-        twist = getattr(message.twist.twist, name)
-        x, y, z = map(float, rotation @ (twist.x, twist.y, twist.z))
-        setattr(body.twist.twist, name, Vector3(x=x, y=y, z=z))
-    return body
+    header = Header(stamp=to_stamp(to_seconds(message.header.stamp)), frame_id=message.header.frame_id)
+    place, linear, angular = message.pose.pose.position, message.twist.twist.linear, message.twist.twist.angular
+    attitude = product(attitude_of(message.pose.pose.orientation), from_body)
+    return odometry_message(header, BASE_FRAME, (place.x, place.y, place.z), attitude,
+                            rotation @ (linear.x, linear.y, linear.z), rotation @ (angular.x, angular.y, angular.z))

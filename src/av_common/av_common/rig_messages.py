@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import Transform, TransformStamped
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 from transforms3d.quaternions import mat2quat
 
 from av_common.frames import BASE_FRAME, FLU_TO_OPTICAL
+from av_common.pose_messages import quaternion_message, vector_message
 from av_common.rig import ArrayMount, CameraMount, GimbalMount, Rig
 from av_common.stamps import to_stamp
 from av_interfaces.msg import GimbalState
@@ -40,30 +41,27 @@ def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:
         state: the gimbal's orientation.
     """
     gimbal = rig.gimbal or GimbalMount()
-    x, y, z = map(float, gimbal.mount.position)
     return TransformStamped(
         header=Header(stamp=state.header.stamp, frame_id=BASE_FRAME), child_frame_id=gimbal.frame,
-        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=state.orientation))
+        transform=Transform(translation=vector_message(gimbal.mount.position), rotation=state.orientation))
 
 
-def gimbal_message(frame: str, time: float, gimbal_in_body: NDArray, variance: float, measured: bool) -> GimbalState:
+def gimbal_message(frame: str, time: float, attitude_wxyz: Iterable[float], variance: float, measured: bool) -> GimbalState:
     """The orientation of a gimbal.
 
     Parameters:
         frame: of the gimbal.
         time (s): time of the orientation.
-        gimbal_in_body (3, 3): rotation matrix from the gimbal's frame to the body.
+        attitude_wxyz (4,): quaternion of the rotation from the gimbal's frame to the body.
         variance (rad^2): of the error about each axis.
         measured: whether the gimbal reported it.
     """
-    turn = dict(zip('wxyz', map(float, mat2quat(gimbal_in_body)), strict=True))
     return GimbalState(header=Header(stamp=to_stamp(time), frame_id=BASE_FRAME), child_frame_id=frame,
-                       orientation=Quaternion(**turn), variance=variance,
+                       orientation=quaternion_message(attitude_wxyz), variance=variance,
                        source=GimbalState.SOURCE_FEEDBACK if measured else GimbalState.SOURCE_MODEL)
 
 
 def _transform(stamp: Time, parent: str, child: str, position: Sequence[float], rotation: NDArray) -> TransformStamped:
-    x, y, z = map(float, position)
-    turn = dict(zip('wxyz', map(float, mat2quat(rotation)), strict=True))
-    return TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
-                            transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(**turn)))
+    return TransformStamped(
+        header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
+        transform=Transform(translation=vector_message(position), rotation=quaternion_message(mat2quat(rotation))))

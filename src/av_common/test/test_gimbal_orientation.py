@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from transforms3d.euler import euler2quat
-from transforms3d.quaternions import quat2mat
+from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.angles import angles_to_direction
 from av_common.frames import BASE_FRAME, attitude_of
@@ -70,7 +70,7 @@ def test_the_camera_stands_on_the_gimbal():
     array, camera, _ = static_transforms(RIG, Time(sec=5))
     assert (array.header.frame_id, camera.header.frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     turned = gimbal_to_body(RIG.gimbal, 0.3, 0.1)
-    moving = gimbal_transform(RIG, gimbal_message('gimbal_link', 7.5, turned, 0.01, True))
+    moving = gimbal_transform(RIG, gimbal_message('gimbal_link', 7.5, mat2quat(turned), 0.01, True))
     assert (moving.header.frame_id, moving.child_frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     assert np.allclose(quat2mat(attitude_of(moving.transform.rotation)), turned)
 
@@ -145,7 +145,7 @@ def test_memory_is_bounded():
     ({'variance': -1.0}, 'variance'), ({'variance': math.inf}, 'variance'), ({'child': 'camera'}, 'expected from'),
     ({'frame': 'map'}, 'expected from'), ({'source': 7}, 'source')])
 def test_a_message_that_cannot_be_used_is_refused(change, reason):
-    message = gimbal_message('gimbal_link', 7.5, np.eye(3), 0.01, True)
+    message = gimbal_message('gimbal_link', 7.5, (1.0, 0.0, 0.0, 0.0), 0.01, True)
     assert sample_of(message, 'gimbal_link').measured
     message.orientation.w = change.get('w', 1.0)
     message.variance = change.get('variance', 0.01)

@@ -27,6 +27,7 @@ from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
+from av_fusion.measurement.rig_motion import Pose
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
 from av_fusion.withheld import as_predictions, contradicted
@@ -79,7 +80,10 @@ class FusionOutput(NamedTuple):
 
 
 class FusionObserver(Protocol):
-    """Receives all measurements and tracks of a `FusionStage`."""
+    """Receives all measurements and tracks of a `FusionStage`, just before the tracker gets them, or has given them."""
+
+    def on_pose(self, pose: Pose) -> None:
+        """A pose of the rig that is used."""
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """The measurements of one `DoaArray`, most confident first, whether or not they are used.
@@ -214,7 +218,10 @@ class FusionStage:
         self._follow_clock(arrival)
         if not self.gate.accept(ODOMETRY, to_seconds(message.header.stamp), arrival):
             return
-        self.tracker.add_pose(pose_of(message))
+        pose = pose_of(message)
+        if self._observer is not None:
+            self._observer.on_pose(pose)
+        self.tracker.add_pose(pose)
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the body is told, by which odometry is judged; bearings do not follow it.

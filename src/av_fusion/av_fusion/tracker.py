@@ -39,7 +39,7 @@ class TrackerSettings:
         filter: models of targets and sensors.
         tau: score of a detection from which the camera leads.
         confirm_threshold: probability from which the front-back ambiguity counts as resolved.
-        rotation: whether rotations are requested; fixed_rotation (rad): instead of planned ones, 0 for these.
+        rotation: whether rotations are requested.
         self_calibration: whether the array is calibrated by the camera.
         follow_threshold: probability of a drone from which a target is followed.
         policy: which target is followed, see `Selection`.
@@ -52,7 +52,6 @@ class TrackerSettings:
     tau: float = 0.5
     confirm_threshold: float = 0.95
     rotation: bool = True
-    fixed_rotation: float = 0.0
     self_calibration: bool = True
     follow_threshold: float = 0.5
     policy: str = 'certain'
@@ -81,7 +80,7 @@ class MultiTargetTracker:
         self.settings = settings or TrackerSettings()
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.tau)
-        self.planner = RotationPlanner(self.settings.rotation, self.settings.fixed_rotation)
+        self.planner = RotationPlanner(self.settings.rotation)
         self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
         self._calibration = SightingCalibration(self.settings.self_calibration,
                                                 self.settings.filter.sound_floor_sigma, self.motion)

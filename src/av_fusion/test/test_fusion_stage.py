@@ -31,6 +31,9 @@ class Recorder:
     def __init__(self) -> None:
         self.doa, self.camera, self.tracks = [], [], []
 
+    def on_pose(self, pose):
+        pass
+
     def on_doa(self, measurements, arrival):
         self.doa += measurements
 

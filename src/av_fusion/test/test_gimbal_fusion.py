@@ -42,9 +42,7 @@ class GimbalRig:
 
 
 def gimbal_message_of(time, pan, sigma=0.0):
-    c, s = math.cos(pan), math.sin(pan)
-    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return gimbal_message('gimbal_link', time, turned, sigma**2, True)
+    return gimbal_message('gimbal_link', time, euler2quat(0.0, 0.0, pan), sigma**2, True)
 
 
 def test_a_camera_that_turns_at_120_deg_per_s_sees_where_it_looked_at_capture():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
+from transforms3d.quaternions import mat2quat
 
 from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
 from av_common.freshness import FUTURE_S
@@ -110,7 +111,7 @@ class GimbalStage:
             raise ValueError(f'positions {pan}, {tilt}, {roll} of the joints, expected finite angles')
         turned = self._gimbal.mount.rotation @ gimbal_to_mount(pan, tilt, roll)
         time = to_seconds(message.header.stamp)
-        return gimbal_message(self._gimbal.frame, time, turned, self._joints.sigma**2, measured=True)
+        return gimbal_message(self._gimbal.frame, time, mat2quat(turned), self._joints.sigma**2, measured=True)
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the gimbal is commanded to. Raises ValueError for an impossible command.
@@ -171,7 +172,8 @@ class GimbalStage:
         attitude, angles = self._attitude_at(time), self._model.at(time)
         unknown = self._gimbal.stabilized and attitude is None
         turned = gimbal_to_body(self._gimbal, angles.pan, angles.tilt, attitude or LEVEL)
-        return gimbal_message(self._gimbal.frame, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
+        variance = angles.variance + unknown * LEVEL_SIGMA**2
+        return gimbal_message(self._gimbal.frame, time, mat2quat(turned), variance, measured=False)
 
     def _attitude_at(self, time: float) -> tuple[float, float, float, float] | None:
         """Attitude of the rig, None if it is not known at a time (s)."""

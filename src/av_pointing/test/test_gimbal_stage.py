@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from transforms3d.euler import euler2quat
-from transforms3d.quaternions import quat2mat
+from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.angles import angles_to_direction
 from av_common.frames import attitude_of
@@ -37,7 +37,8 @@ def command(time, pan, tilt=0.0, frame='base_stabilized'):
 
 
 def feedback(time, pan=0.0, attitude=TILTED):
-    return gimbal_message(RIG.gimbal.frame, time, gimbal_to_body(RIG.gimbal, pan, 0.0, attitude), 1e-4, measured=True)
+    turned = mat2quat(gimbal_to_body(RIG.gimbal, pan, 0.0, attitude))
+    return gimbal_message(RIG.gimbal.frame, time, turned, 1e-4, measured=True)
 
 
 def joints(time, **positions):

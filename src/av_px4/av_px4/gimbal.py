@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from transforms3d.quaternions import quat2mat
+from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
 from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
@@ -246,7 +246,7 @@ class GimbalFeedback:
         time = self._clock.date(1e-6 * message.timestamp, arrival) if message.timestamp else None
         if time is None or not message.received_from_mavlink:
             return None
-        return gimbal_message(self._gimbal.frame, time, gimbal_in_body, SIGMA**2, measured=True)
+        return gimbal_message(self._gimbal.frame, time, mat2quat(gimbal_in_body), SIGMA**2, measured=True)
 
 
 def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:

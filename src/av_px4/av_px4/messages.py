@@ -10,15 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from std_msgs.msg import Header
 
-from av_common.frames import BASE_FRAME, ODOM_FRAME
-from av_common.stamps import to_stamp
 from av_px4.commands import COMPONENT, Command
 from av_px4.external_mode import MODE_NAME, Configure, Register, Registration
-from av_px4.frames import Pose
 from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
@@ -36,23 +31,6 @@ def status_from(message: Any) -> VehicleStatus:
                          'do not exist: px4_msgs is not of the firmware\'s version')
     return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1,
                          message.nav_state_user_intention, message.nav_state_timestamp)
-
-
-def odometry_message(time: float, pose: Pose) -> Odometry:
-    """The Odometry message of a pose.
-
-    Parameters:
-        time (s): stamp, ROS time
-        pose: pose and twist
-    """
-    message = Odometry(header=Header(stamp=to_stamp(time), frame_id=ODOM_FRAME), child_frame_id=BASE_FRAME)
-    position, orientation = message.pose.pose.position, message.pose.pose.orientation
-    position.x, position.y, position.z = pose.position.tolist()
-    orientation.w, orientation.x, orientation.y, orientation.z = np.asarray(pose.attitude_wxyz).tolist()
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    linear.x, linear.y, linear.z = pose.velocity_flu.tolist()
-    angular.x, angular.y, angular.z = pose.rate_flu.tolist()
-    return message
 
 
 def command_message(messages: Any, timestamp: int, command: Command, system: int) -> Any:

@@ -6,11 +6,14 @@ import math
 from typing import Any
 
 from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
 
 from av_common.clock import SenderClock
+from av_common.frames import BASE_FRAME, ODOM_FRAME
+from av_common.pose_messages import odometry_message
+from av_common.stamps import to_stamp
 from av_px4.continuity import ContinuousPose
 from av_px4.frames import Pose
-from av_px4.messages import odometry_message
 
 SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves its stamps
 # s, by which a stamp may precede the clock's offset. A start of the whole rig, seconds of other load, or stalls of the agent
@@ -51,7 +54,9 @@ class OdometryConverter:
         stamp = self.clock.date(time, arrival)
         if stamp is None:
             return None
-        return odometry_message(stamp, self.pose.add(time, pose, counter))
+        continuous = self.pose.add(time, pose, counter)
+        return odometry_message(Header(stamp=to_stamp(stamp), frame_id=ODOM_FRAME), BASE_FRAME, continuous.position,
+                                continuous.attitude_wxyz, continuous.velocity_flu, continuous.rate_flu)
 
 
 def measured_speeds(message: Any) -> list[float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from geometry_msgs.msg import Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
@@ -12,13 +11,12 @@ from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
+from av_common import pose_messages
 from av_common.frames import attitude_of, checked_orientation
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import DRONE
-from av_interfaces.msg import GimbalState
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.error import FARTHEST_M, check_within
-from av_sim_bridge.wire.gimbal import GimbalSample
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, decode_image
@@ -33,13 +31,8 @@ def odometry_message(header: Header, child_frame: str, state: VehicleState) -> O
         child_frame: frame of the vehicle's body (FLU), to which the twist refers
         state: state in ENU and FLU
     """
-    message = Odometry(header=header, child_frame_id=child_frame)
-    pose, twist = message.pose.pose, message.twist.twist
-    pose.position.x, pose.position.y, pose.position.z = map(float, state.position)
-    pose.orientation = _quaternion(state.attitude_wxyz)
-    twist.linear = _vector(state.rotation.T @ state.velocity)
-    twist.angular = _vector(state.rate_flu)
-    return message
+    return pose_messages.odometry_message(header, child_frame, state.position, state.attitude_wxyz,
+                                          state.rotation.T @ state.velocity, state.rate_flu)
 
 
 def vehicle_state(message: Odometry) -> VehicleState:
@@ -61,7 +54,8 @@ def imu_message(header: Header, acceleration_flu: NDArray, rate_flu: NDArray) ->
         acceleration_flu (m/s^2, (3,)): specific force in the body frame
         rate_flu (rad/s, (3,)): angular rate in the body frame
     """
-    message = Imu(header=header, linear_acceleration=_vector(acceleration_flu), angular_velocity=_vector(rate_flu))
+    message = Imu(header=header, linear_acceleration=pose_messages.vector_message(acceleration_flu),
+                  angular_velocity=pose_messages.vector_message(rate_flu))
     message.orientation_covariance[0] = -1.0
     return message
 
@@ -83,18 +77,6 @@ def make_header(stamp: float, frame: str) -> Header:
     return Header(stamp=to_stamp(stamp), frame_id=frame)
 
 
-def gimbal_message(header: Header, child_frame: str, sample: GimbalSample) -> GimbalState:
-    """The GimbalState message of a measured orientation.
-
-    Parameters:
-        header: stamp, and the frame of the rig's body.
-        child_frame: frame of the gimbal.
-        sample: the orientation.
-    """
-    return GimbalState(header=header, child_frame_id=child_frame, orientation=_quaternion(sample.orientation_wxyz),
-                       variance=sample.variance, source=GimbalState.SOURCE_FEEDBACK)
-
-
 def decode_depth(data: bytes, most_pixels: int = MOST_PIXELS) -> NDArray:
     """Depth (mm, (height, width), uint16), 0 where unknown (REP 118). Raises ValueError if it is not a 16-bit PNG.
 
@@ -106,13 +88,3 @@ def decode_depth(data: bytes, most_pixels: int = MOST_PIXELS) -> NDArray:
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise ValueError(f'depth: {depth.dtype} in {depth.ndim} dimensions, expected a PNG of 16 bit and one channel')
     return np.where(depth == 65_535, 0, depth).astype(np.uint16)
-
-
-def _vector(values: NDArray) -> Vector3:
-    x, y, z = map(float, values)
-    return Vector3(x=x, y=y, z=z)
-
-
-def _quaternion(wxyz: NDArray) -> Quaternion:
-    w, x, y, z = map(float, wxyz)
-    return Quaternion(w=w, x=x, y=y, z=z)

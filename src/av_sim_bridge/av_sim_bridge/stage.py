@@ -20,6 +20,7 @@ from av_audio.ring_buffer import RingBuffer
 from av_common.frames import BASE_FRAME, MAP_FRAME, frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
+from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
@@ -179,8 +180,8 @@ class BridgeStage:
         if taken is None or self.rig.gimbal is None:
             return []
         sample, stamp = taken
-        header = messages.make_header(stamp, BASE_FRAME)
-        return [('gimbal/state', messages.gimbal_message(header, self.rig.gimbal.frame, sample))]
+        return [('gimbal/state', gimbal_message(self.rig.gimbal.frame, stamp, sample.orientation_wxyz, sample.variance,
+                                                measured=True))]
 
     def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Update the offset between the simulator's clock and this machine's."""

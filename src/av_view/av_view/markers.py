@@ -15,6 +15,7 @@ from transforms3d.quaternions import mat2quat
 from visualization_msgs.msg import Marker, MarkerArray
 
 from av_common.angles import angles_to_direction
+from av_common.pose_messages import quaternion_message, vector_message
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
 
 REACH = 10.0  # m, length of directions whose range is unknown
@@ -57,9 +58,8 @@ def world_markers(message: Any) -> Iterable[Marker]:
             marker = _shape('ellipsoids', Marker.SPHERE, [], COLORS['track'], 0.0, 0.5)
             marker.header, marker.id = Header(frame_id=message.header.frame_id), WORLD_ID + int(track.id) % WORLD_ID
             marker.pose.position = _point(center)
-            orientation = marker.pose.orientation
-            orientation.w, orientation.x, orientation.y, orientation.z = map(float, mat2quat(axes))
-            marker.scale = Vector3(**dict(zip('xyz', map(float, 2.0 * np.sqrt(np.maximum(variances, 0.0))), strict=True)))
+            marker.pose.orientation = quaternion_message(mat2quat(axes))
+            marker.scale = vector_message(2.0 * np.sqrt(np.maximum(variances, 0.0)))
             yield marker
 
 

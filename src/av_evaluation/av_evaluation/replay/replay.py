@@ -28,9 +28,8 @@ from av_common.rig import CAMERAS, CameraMount, Rig, camera_topic, camera_topics
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import recording
 from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.settings import Tracker, make_tracker
+from av_fusion.settings import make_tracker
 from av_fusion.stage import CLOCK_TOLERANCE_S, FusionStage, make_fusion_stage
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
@@ -111,8 +110,7 @@ class Replay:
 
     def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), keeps_events: bool = False,
                  estimators: Sequence[str] = ()) -> None:
-        self._bag, self._settings, self._keeps_events = bag, settings, keeps_events
-        self._recorder = RunRecorder()
+        self._bag, self._settings = bag, settings
         self.notes: list[str] = []
         self.lost = False
         self._out: BagWriter | None = None
@@ -121,6 +119,7 @@ class Replay:
         senses = names.DOA, *camera_topics(self._rig.cameras, names.DETECTIONS)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if any(name in found for name in senses) else 'bearing')
+        self._recorder = RunRecorder(keeps_events=keeps_events and self.stage != 'bearing')
         self._topics = self._choose(found)
         self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         for file in settings.parameters:
@@ -218,11 +217,9 @@ class Replay:
         self._converter = MeasurementConverter(self._frames.rotation, cameras=models)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
-            tracker: Tracker = make_tracker(fusion, rig.gimbal)
-            if self._keeps_events:
-                tracker = recording(tracker, self.log.events)
-            self._fusion = make_fusion_stage(fusion, self._frames.rotation, models, self._recorder, tracker,
-                                             gimbal if rig.gimbal else None, tuple(rig.cameras))
+            self._fusion = make_fusion_stage(fusion, self._frames.rotation, models, self._recorder,
+                                             make_tracker(fusion, rig.gimbal), gimbal if rig.gimbal else None,
+                                             tuple(rig.cameras))
             self._fusion.converter.optical_frames = rig.optical_frames
         pointing = None
         if self._settings.commands or self.stage == 'bearing':

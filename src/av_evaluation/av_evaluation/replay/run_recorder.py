@@ -11,9 +11,10 @@ from av_bags import topics as names
 from av_common.frames import attitude_of, is_orientation
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
-from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.metrics.run_log import Event, RunLog
 from av_evaluation.runs.measurement_record import OWN_METHOD
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
+from av_fusion.measurement.rig_motion import Pose
 
 
 class RunRecorder:
@@ -25,14 +26,20 @@ class RunRecorder:
 
     Parameters:
         folder: for temporary files of the log, as for `RunLog`; without one the log also has the directions by estimator.
+        keeps_events: whether the log gets what the tracker is given, for other trackers.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.log, self._keeps = RunLog(folder), folder is None
+    def __init__(self, folder: Path | None = None, keeps_events: bool = False) -> None:
+        self.log, self._keeps, self._keeps_events = RunLog(folder), folder is None, keeps_events
         self.left_out = 0.0
+
+    def on_pose(self, pose: Pose) -> None:
+        """Keep a pose."""
+        self._keep(pose)
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
+        self._keep(usable_doas(measurements))
         if self._keeps:
             self.log.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
         for doa in measurements[:1]:
@@ -42,6 +49,7 @@ class RunRecorder:
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
+        self._keep(measurement)
         best = measurement.best
         self.log.sight.add(measurement.time - self.left_out, best.azimuth if best else math.nan, best.score if best else 0.0,
                            arrival - measurement.time)
@@ -50,6 +58,7 @@ class RunRecorder:
 
     def on_track(self, track: Track, time: float) -> None:
         """Log the track at `time` (s)."""
+        self._keep(time)
         known = track.state != State.NONE
         self.log.fused.add(track.time - self.left_out, track.azimuth, math.sqrt(track.azimuth_variance), track.state,
                            track.resolved, time - track.measured if known else math.nan)
@@ -73,3 +82,7 @@ class RunRecorder:
             self.log.rig.add(time, *place, *attitude)
         else:
             raise ValueError(f'the orientation (w, x, y, z) is {attitude}, expected a unit quaternion')
+
+    def _keep(self, event: Event) -> None:
+        if self._keeps_events:
+            self.log.events.append(event)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, cast
 
-from av_common.track import Track
 from av_evaluation.metrics.run_log import Event, RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
@@ -48,34 +46,3 @@ def with_directions(events: Sequence[Event], directions: Sequence[DoaMeasurement
 def _end(measurement: DoaMeasurement) -> float:
     """End (s) of a measurement's window."""
     return measurement.time + 0.5 * measurement.window
-
-
-class _RecordingTracker:
-    """A tracker whose input is recorded before another one uses it, which does all else."""
-
-    def __init__(self, tracker: Tracker, events: list[Event]) -> None:
-        self._tracker, self._events = tracker, events
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._tracker, name)
-
-    def add_pose(self, pose: Pose) -> None:
-        self._events.append(pose)
-        self._tracker.add_pose(pose)
-
-    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        self._events.append(list(measurements))
-        self._tracker.add_doas(measurements)
-
-    def add_camera(self, measurement: CameraMeasurement) -> None:
-        self._events.append(measurement)
-        self._tracker.add_camera(measurement)
-
-    def estimate(self, time: float) -> Track:
-        self._events.append(time)
-        return self._tracker.estimate(time)
-
-
-def recording(tracker: Tracker, events: list[Event]) -> Tracker:
-    """A tracker that adds its input to events, and passes it on to another one."""
-    return cast('Tracker', _RecordingTracker(tracker, events))

@@ -22,16 +22,16 @@ from av_common.frames import BASE_FRAME
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import CAMERAS, CameraMount, Mount
+from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import recording
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
 from av_fusion.settings import Tracker
 from av_fusion.stage import FusionStage
 from av_interfaces.msg import Bearing, TrackArray
-from av_sim_bridge.messages import gimbal_message, odometry_message
+from av_sim_bridge.messages import odometry_message
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.gimbal import GimbalSample
 from av_vision.messages import image_message
@@ -72,11 +72,12 @@ class OfflineRig:
         history = GimbalHistory() if gimbal else None
         rotation_of = (fixed_rotations(rotations) if history is None
                        else gimbal_rotations(rotations, {'camera': camera.optical_to_body}, history))
-        converter, recorder = MeasurementConverter(rotation_of, cameras={CAMERAS[0]: camera.model}), RunRecorder()
+        converter = MeasurementConverter(rotation_of, cameras={CAMERAS[0]: camera.model})
+        recorder = RunRecorder(keeps_events=True)
         if detection is not None:
             detection.mount(rotation_of, camera.model)
         self.log: RunLog = recorder.log
-        self.fusion = FusionStage(recording(tracker, self.log.events), converter, observer=recorder, gimbal=history)
+        self.fusion = FusionStage(tracker, converter, observer=recorder, gimbal=history)
         self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
         others = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
         seeing = {} if detection is None else {CAMERAS[0]: detection}
@@ -106,8 +107,8 @@ class OfflineRig:
 
     def on_gimbal(self, sample: GimbalSample, arrival: float) -> None:
         """The measured orientation of the gimbal that carries the camera."""
-        header = Header(stamp=to_stamp(sample.time), frame_id=BASE_FRAME)
-        self._take(topics.GIMBAL, gimbal_message(header, 'gimbal', sample), arrival)
+        message = gimbal_message('gimbal', sample.time, sample.orientation_wxyz, sample.variance, measured=True)
+        self._take(topics.GIMBAL, message, arrival)
 
     def advance(self, now: float) -> None:
         """Give the bearings that are due until `now` without a measurement."""

@@ -11,7 +11,7 @@ from av_audio.messages import audio_frame
 from av_bags.topics import FRAMES, GIMBAL, KINDS, absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.frames import BASE_FRAME
-from av_common.rig_messages import static_transforms
+from av_common.rig_messages import gimbal_message, static_transforms
 from av_common.stamps import to_stamp
 from av_sim_bridge import messages
 from av_simulator.run import Step, TruthSample
@@ -60,11 +60,11 @@ class BagRecorder:
             self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))
 
     def _write_gimbal(self, sample: TruthSample) -> None:
-        gimbal = self._rig.gimbal
-        if gimbal is not None and sample.gimbal is not None:
+        gimbal, measured = self._rig.gimbal, sample.gimbal
+        if gimbal is not None and measured is not None:
             time = EPOCH + sample.time
-            header = messages.make_header(time, BASE_FRAME)
-            self._write('gimbal/state', time, messages.gimbal_message(header, gimbal.frame, sample.gimbal))
+            self._write('gimbal/state', time, gimbal_message(gimbal.frame, time, measured.orientation_wxyz, measured.variance,
+                                                             measured=True))
 
     def close(self) -> None:
         """Finish the bag."""
