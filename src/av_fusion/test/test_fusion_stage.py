@@ -199,6 +199,21 @@ def test_an_image_that_was_searched_in_part_is_no_evidence_against_what_it_does_
     assert (abs(other.azimuth) < 1.0) == is_left
 
 
+def test_what_sight_told_of_the_side_outlives_an_echo_that_comes_to_the_same_place():
+    """A pair hears the echo of a drone that only the camera knows to be ahead; unseen, both become one track of that side."""
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    for k in range(60):
+        now, echo = START + 0.1 * k, min(max(1.2 - 0.06 * (k - 20), 0.1), 1.2)
+        stage.on_odometry(odometry(now, 0.0), now)
+        if k < 20:
+            stage.on_detections(detections(now - 0.1, (319.5 - 457.0 * math.tan(0.1), 0.9, 'drone')), now)
+        output = stage.on_doa(doa(now - 0.3, echo), now)
+        assert k < 10 or k > 40 or len(output.targets.tracks) == 2
+    assert [track.id for track in output.targets.tracks] == [1]
+    assert output.bearing.resolved and output.bearing.azimuth == pytest.approx(0.1, abs=0.1)
+
+
 def test_a_stamp_of_another_clock_is_counted_and_not_used():
     recorder = Recorder()
     stage = make_stage(recorder)

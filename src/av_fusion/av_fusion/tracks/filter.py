@@ -210,7 +210,11 @@ class MultiBernoulliFilter:
             if other is None:
                 kept.append(track)
             else:
-                self._merge(other, track)
+                first, second = sorted((other, track), key=lambda one: one.mixture.entropy)    # the more certain one first
+                if first.existence < second.existence * first.mixture.absent:
+                    first, second = second, first
+                self._merge(first, second)
+                kept[kept.index(other)] = first
         self.tracks = sorted(kept, key=lambda track: track.id)
 
     def _are_one(self, first: Track, second: Track, time: float) -> bool:
@@ -219,7 +223,7 @@ class MultiBernoulliFilter:
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
     def _merge(self, first: Track, second: Track) -> None:
-        """Keep the more certain density of two tracks of one target, under the older id."""
+        """Keep the density of the first of two tracks of one target, under the older id."""
         first.mixture.absent *= second.mixture.absent
         first.mixture.reduce()
         if second.id < first.id:

@@ -185,6 +185,16 @@ class GaussianMixture:
             self._primary = heaviest
         return self._primary
 
+    @property
+    def entropy(self) -> float:
+        """Of the direction if there is a target, in nats and without a constant: an upper bound.
+
+        Huber et al., On entropy approximation for Gaussian mixture random vectors, MFI 2008.
+        """
+        whole = sum([component.weight for component in self.components])
+        return sum([component.weight / whole * (0.5 * math.log(np.linalg.det(component.covariance[:2, :2]))
+                                                - math.log(component.weight / whole)) for component in self.components])
+
     def share_of(self, primary: GaussianComponent) -> float:
         """Probability of the direction of the primary component, given that there is a target: of all that agree with it."""
         agreeing = total = 0.0
