@@ -67,8 +67,7 @@ class StandIn:
 
     def _publish(self) -> None:
         now = time.time()
-        c, s = math.cos(self._pan), math.sin(self._pan)
-        turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turned = math.cos(0.5 * self._pan), 0.0, 0.0, math.sin(0.5 * self._pan)
         box = Detections(np.array([[304.5, 229.5, 334.5, 249.5]]), np.array([0.9]), ('drone',))
         for name, publishers in self._publishers.items():
             seen = Header(stamp=to_stamp(now - 0.02), frame_id='camera_optical_frame')
