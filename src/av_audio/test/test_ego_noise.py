@@ -89,6 +89,18 @@ def test_a_loud_target_is_as_accurate_as_without_a_recording(recording):
     assert np.median(errors(sound, recording=recording)) < 1.1 * np.median(errors(sound, wideband=False))
 
 
+@pytest.mark.parametrize('rounding', [0.0, 2.0**-12], ids=['exact', 'rounded'])
+def test_bands_in_which_a_codec_left_nothing_count_for_nothing(rounding):
+    """Above 3 kHz, in the recording and in flight: nothing deviates there, or only what rounding leaves."""
+    rng = np.random.default_rng(2)
+    known, heard = rig_alone(np.random.default_rng(1)), rig_alone(rng) + np.sqrt(0.5) * target(rng)
+    passed = np.fft.rfftfreq(len(heard), 1.0 / RATE)[:, np.newaxis] < 3000.0
+    known, heard = (np.fft.irfft(passed * np.fft.rfft(sound, axis=0), len(sound), axis=0) for sound in (known, heard))
+    if rounding:
+        known, heard = (rounding * np.round(sound / rounding) for sound in (known, heard))
+    assert np.mean(errors(heard, recording=NoiseRecording(known.astype(np.float32), RATE)) < 8.0) > 0.9
+
+
 @pytest.mark.parametrize(('samples', 'rate', 'complaint'), [
     (np.zeros((48_000, 1)), RATE, r'my.wav has samples of shape \(48000, 1\), expected \(n, 2\)'),
     (np.zeros((48_000, 2)), 48_000, 'my.wav was recorded at 48000 Hz, expected 16000 Hz'),
