@@ -191,9 +191,10 @@ class GaussianMixture:
 
         Huber et al., On entropy approximation for Gaussian mixture random vectors, MFI 2008.
         """
-        whole = sum([component.weight for component in self.components])
+        likely = [component for component in self.components if component.weight > 0.0]
+        whole = sum([component.weight for component in likely])
         return sum([component.weight / whole * (0.5 * math.log(np.linalg.det(component.covariance[:2, :2]))
-                                                - math.log(component.weight / whole)) for component in self.components])
+                                                - math.log(component.weight / whole)) for component in likely])
 
     def share_of(self, primary: GaussianComponent) -> float:
         """Probability of the direction of the primary component, given that there is a target: of all that agree with it."""
