@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -143,12 +143,10 @@ class BandSearch:
         late = np.any([these & (np.cumsum(these) > 0.5 * np.sum(these)) for these in of_one], axis=0)  # half of each throttle
         if np.sum(~late) > 1:
             halves = [[windows[k] for k in np.flatnonzero(half)] for half in (~late, late)]
-            known = [EgoNoise(half) for half in halves]
-            usual = [EgoValues.of((window.values for window in self._whitened(noise, half)), self._starts)
-                     for noise, half in zip(known[::-1], halves, strict=True)]
-            found = []
-            for self._usual, noise, half in zip(usual[::-1], known[::-1], halves, strict=True):
-                found += [self._two_highest(window) for window in self._whitened(noise, half)]
+            left = [self._left(EgoNoise(known), half) for known, half in zip(halves[::-1], halves, strict=True)]
+            usual = [EgoValues.of(values, self._starts) for values in left]
+            found = [self._two_highest(other.standard(each)) for other, values in zip(usual[::-1], left, strict=True)
+                     for each in values]
             for peaks in zip(*found, strict=True):
                 heights, places = zip(*peaks, strict=True)
                 self._alone.append(EgoPeaks.of(heights, self.grid[list(places)], self.grid, self._apart))
@@ -156,11 +154,11 @@ class BandSearch:
         self._noise = EgoNoise(windows)
         self._use(self._noise.vectors)
 
-    def _whitened(self, known: EgoNoise, heard: Sequence[NDArray]) -> Iterator[_Window]:
-        """Windows (b, m, n) that are heard, as `_window` gives them where this own noise is known."""
-        self._noise = known
-        self._use(known.vectors)
-        return map(self._window, heard)
+    def _left(self, noise: EgoNoise, windows: Sequence[NDArray]) -> NDArray:
+        """Values (w, b, g) that whitening by this own noise leaves of windows (b, m, n)."""
+        self._noise = noise
+        self._use(noise.vectors)
+        return np.stack([self._window(bands).values.astype(np.float32) for bands in windows])
 
     def _use(self, vectors: NDArray) -> None:
         self._vectors = vectors
@@ -177,7 +175,7 @@ class BandSearch:
         found = [self._judged(self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool)), 0)]
         while len(found) < most and found[0].significance > 0.0:
             explained = np.max([self._at(window, peak.q[None], self._nearest(peak.q))[:, 0] for peak in found], axis=0)
-            tops = self._tops(window, explained, [peak.q for peak in found])
+            tops = self._tops(window.values, explained, [peak.q for peak in found])
             peak = self._judged(self._peak(window, explained, tops), 1) if tops.any() else None
             if peak is None or peak.source_probability < 0.5:
                 break
@@ -192,25 +190,25 @@ class BandSearch:
         """
         return replace(peak, over_alone=self._alone[order].is_source(peak.height, peak.q)) if self._alone else peak
 
-    def _tops(self, window: _Window, explained: NDArray, found: list[NDArray]) -> NDArray:
+    def _tops(self, values: NDArray, explained: NDArray, found: list[NDArray]) -> NDArray:
         """Points (g,) of the grid at which there may be a further source: tops of what adds to those `found` (rank,).
 
         Parameters:
-            window: the window.
+            values (b, g): on the grid.
             explained (b,): values that bands have at these.
             found: where they are.
         """
-        gain = _gain(window.values, explained).sum(axis=0)
+        gain = _gain(values, explained).sum(axis=0)
         return (gain >= gain[self._neighbours].max(axis=1)) & np.all(
             [np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
 
-    def _two_highest(self, window: _Window) -> list[tuple[float, int]]:
-        """Height of the highest peak and its place on the grid, and of the next: only what adds to the highest."""
-        first = int(np.argmax(window.values.sum(axis=0)))
-        gain = _gain(window.values, window.values[:, first])
-        tops = self._tops(window, window.values[:, first], [self.grid[first]])
+    def _two_highest(self, values: NDArray) -> list[tuple[float, int]]:
+        """Height of the highest peak of values (b, g) and its place on the grid, and of the next: what adds to the highest."""
+        first = int(np.argmax(values.sum(axis=0)))
+        gain = _gain(values, values[:, first])
+        tops = self._tops(values, values[:, first], [self.grid[first]])
         second = int(np.argmax(np.where(tops, gain.sum(axis=0), -np.inf)))
-        return [(float(_rise(values)[:, place].sum()), place) for values, place in ((window.values, first), (gain, second))]
+        return [(float(_rise(part)[:, place].sum()), place) for part, place in ((values, first), (gain, second))]
 
     def _bands(self, spectra: NDArray) -> NDArray:
         """Spectra (b, m, n) of n bins in each band, from spectra (m, k)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,23 +43,19 @@ class EgoValues(NamedTuple):
         return cls(zero, one)
 
     @classmethod
-    def of(cls, windows: Iterable[NDArray], starts: NDArray) -> EgoValues:
+    def of(cls, values: NDArray, starts: NDArray) -> EgoValues:
         """Learn from windows.
 
         Parameters:
-            windows (b, g): values of each.
+            values (w, b, g): of the windows.
             starts (c,): first bands of the clusters.
         """
-        count, total, square = 0, np.zeros(1), np.zeros(1)
-        for values in windows:
-            count, total = count + 1, total + values
-            square = square + np.add.reduceat(values, starts, dtype=float) ** 2
-        mean = total / count
-        variance = square / count - np.add.reduceat(mean, starts) ** 2
-        shared = (count * variance + PRIOR_WINDOWS * variance.mean(axis=1, keepdims=True)) / (count + PRIOR_WINDOWS)
+        variance = np.add.reduceat(values, starts, axis=1, dtype=float).var(axis=0)
+        count, all_directions = len(values), variance.mean(axis=1, keepdims=True)
+        shared = (count * variance + PRIOR_WINDOWS * all_directions) / (count + PRIOR_WINDOWS)
         least = LEAST_SPREAD**2 * max(float(shared.mean()), TINY)
-        deviation = np.sqrt(np.maximum(shared, least)).repeat(np.diff(starts, append=len(mean)), axis=0)
-        return cls(mean.astype(np.float32), deviation.astype(np.float32))
+        deviation = np.sqrt(np.maximum(shared, least)).repeat(np.diff(starts, append=values.shape[1]), axis=0)
+        return cls(values.mean(axis=0, dtype=float).astype(np.float32), deviation.astype(np.float32))
 
     def beside(self, other: EgoValues) -> EgoValues:
         """Of the windows of both, which are as many."""

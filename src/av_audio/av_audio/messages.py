@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from geometry_msgs.msg import Vector3
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
+from av_common.pose_messages import vector_message
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, Doa, DoaArray
 
@@ -65,7 +65,7 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
     """
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
-                       level=float(estimate.level_dbfs), axis=_vector(axis))
+                       level=float(estimate.level_dbfs), axis=vector_message(axis))
     judged = judgements or [UNKNOWN] * len(estimate.sources)
     message.hypotheses = [image for source, judgement in zip(estimate.sources, judged, strict=True)
                           for image in _images(source, judgement)]
@@ -78,14 +78,9 @@ def _images(source: DoaEstimate, judgement: tuple[float, float, float]) -> list[
     cosine = float(np.clip(source.cosine, -1.0, 1.0))  # NaN stays NaN
     directions = angles_to_direction(source.azimuth, source.elevation)
     return [Doa(
-        direction=_vector(direction), azimuth=float(source.azimuth[k]), elevation=float(source.elevation[k]),
+        direction=vector_message(direction), azimuth=float(source.azimuth[k]), elevation=float(source.elevation[k]),
         azimuth_variance=float(source.azimuth_variance[k]), elevation_variance=float(source.elevation_variance[k]),
         cosine=cosine, cosine_variance=float(source.cosine_variance),
         confidence=float(source.confidence[k]), ambiguity_group=int(source.group[k]),
         end_fire=bool(source.end_fire[k]), drone_probability=probability, fundamental=fundamental,
         fundamental_variance=variance) for k, direction in enumerate(directions)]
-
-
-def _vector(values: NDArray[np.float64]) -> Vector3:
-    x, y, z = map(float, values)
-    return Vector3(x=x, y=y, z=z)

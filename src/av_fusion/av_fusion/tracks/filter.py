@@ -210,11 +210,7 @@ class MultiBernoulliFilter:
             if other is None:
                 kept.append(track)
             else:
-                first, second = sorted((other, track), key=lambda one: one.mixture.entropy)    # the more certain one first
-                if first.existence < second.existence * first.mixture.absent:
-                    first, second = second, first
-                self._merge(first, second)
-                kept[kept.index(other)] = first
+                kept[kept.index(other)] = _united(other, track)
         self.tracks = sorted(kept, key=lambda track: track.id)
 
     def _are_one(self, first: Track, second: Track, time: float) -> bool:
@@ -222,12 +218,20 @@ class MultiBernoulliFilter:
         return (a is not None and b is not None and are_mergeable(a, b)
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
-    def _merge(self, first: Track, second: Track) -> None:
-        """Keep the density of the first of two tracks of one target, under the older id."""
-        first.mixture.absent *= second.mixture.absent
-        first.mixture.reduce()
-        if second.id < first.id:
-            first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+
+def _united(one: Track, other: Track) -> Track:
+    """One track of two of one target, under the older id.
+
+    The united density is the more certain one as far as its target exists, and else the other. The heavier part is kept.
+    """
+    first, second = sorted((one, other), key=lambda each: each.mixture.entropy)
+    if first.existence < second.existence * first.mixture.absent:
+        first, second = second, first
+    first.mixture.absent *= second.mixture.absent
+    first.mixture.reduce()
+    if second.id < first.id:
+        first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+    return first
 
 
 def effective_sample_fraction(time: float, newest: float, correlation: float) -> float:
