@@ -11,6 +11,9 @@ from real_recordings import CLIPS, COCO, boxes_of, moving_drone, needs_data
 from rig_process import RigProcess
 from udp_ports import free_offset
 
+from av_common.angles import wrap
+from av_evaluation.experiments.physical import filmed
+
 pytestmark = [pytest.mark.system, needs_data]
 
 
@@ -64,6 +67,17 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
     assert np.degrees(np.median(nearest)) < 0.5
     fused = read(tmp_path / 'fused.csv')
     assert (fused['state'] == 1).mean() > 0.4
+
+
+def test_a_drone_that_the_camera_lost_is_followed_by_ear():
+    """Real video and sound, the lens covered for half of the time: one source is one direction, also while it moves.
+
+    What measured ears heard of it twice at the same place began a second track, which took its sound over.
+    """
+    log, _ = filmed('V_DRONE_080', CLIPS.parent, ())
+    time = log.fused['time']
+    error = np.degrees(wrap(log.fused['azimuth'] - log.true_azimuth(time)))
+    assert np.all(log.fused['state'] > 0) and np.sqrt(np.mean(np.square(error))) < 2.5
 
 
 def test_the_simulated_drone_emits_a_recording(tmp_path):

@@ -100,12 +100,13 @@ class FurtherSources(SteeredResponse):
             if any(one.significance == 0.0 for one in refined):  # one was a part of another: nothing is left of it
                 break
             peaks = refined
-        return peaks[:1] + [self._beside_others(phases, peak, [other for other in peaks if other is not peak])
-                            for peak in peaks[1:]]
+        beside = [self._beside_others(phases, peak, [other for other in peaks if other is not peak]) for peak in peaks[1:]]
+        return peaks[:1] + [peak for peak in beside if peak is not None]
 
-    def _beside_others(self, phases: NDArray, peak: Peak, others: Sequence[Peak]) -> Peak:
+    def _beside_others(self, phases: NDArray, peak: Peak, others: Sequence[Peak]) -> Peak | None:
         """A further source; to a pair that is close to another one, with mean and variance of its place in a mixture of both.
 
+        None where it may be at the other's place: that is one source whose phases scatter, as those of a moving one do.
         To arrays, bins that both have are at neither's place, which their mixture takes for sources.
         """
         near = min(others, key=lambda other: float(np.linalg.norm(peak.q - other.q))).q
@@ -116,7 +117,10 @@ class FurtherSources(SteeredResponse):
         weights = np.exp(INDEPENDENT * (likelihood - likelihood.max()))
         weights /= weights.sum()
         mean = weights @ places
-        return replace(peak, q=mean, covariance=peak.covariance + (weights * (places - mean).T) @ (places - mean))
+        covariance = peak.covariance + (weights * (places - mean).T) @ (places - mean)
+        if (mean - near) @ np.linalg.solve(covariance, mean - near) < 1.0:
+            return None
+        return replace(peak, q=mean, covariance=covariance)
 
     def _mixture_likelihoods(self, phases: NDArray, first: NDArray, places: NDArray) -> NDArray:
         """Logarithms (q,) of the likelihoods of phases that stem from two directions or from noise, which has any phase.
