@@ -23,6 +23,7 @@ from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_simulator.world import World
+from av_vision.bearing import BOX_FRACTION, PIXEL_SIGMA
 
 
 def directions(time, measurements) -> DoaArray:
@@ -50,7 +51,7 @@ def picture(time, image) -> Detection2DArray:
         x, y, z = unit(math.degrees(found.azimuth), math.degrees(found.elevation))
         column, row = CENTRE - FOCAL / x * np.array([y, z])
         message.detections.append(detection(column, row, found.score))
-        size = math.sqrt(max(found.score * (FOCAL * math.sqrt(found.across_variance)) ** 2 - 1.0, 0.0)) / 0.08
+        size = math.sqrt(max(found.score * FOCAL**2 * found.across_variance - PIXEL_SIGMA**2, 0.0)) / BOX_FRACTION
         message.detections[-1].bbox.size_x = message.detections[-1].bbox.size_y = max(size, 0.2 * BOX)
     return message
 

@@ -360,7 +360,7 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         found = compared.found * free
         likelihoods = compared.missed + np.add.reduce(found, axis=1)
         shares, likelihood = found / likelihoods[:, None], float(component.modes @ likelihoods)
-        component.weigh_modes(likelihoods**image.fraction)
+        component.weigh_modes(likelihoods)  # errors that successive images share are no motion
         whole = update_by_directions(image.time, True, component, compared.past, compared.directions, shares, image.fraction)
         score = max((d.score for d, share in zip(image.measurement.detections, whole, strict=True) if share > ASSOCIATED),
                     default=0.0)
