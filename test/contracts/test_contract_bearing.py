@@ -212,6 +212,14 @@ def test_a_target_that_moves_off_is_followed(contract, sound, monkeypatch):
                      rms(np.concatenate([rig.errors(1.0) for rig in rigs])) / rms(held), 0.6))
 
 
+def test_a_drone_that_dives_while_it_is_not_seen_is_the_same(contract):
+    """By 7 deg within a second, as in real clips: what is seen where it is heard is no second drone."""
+    rigs = [FormulaRig([Source(lambda t: unit(-15.0 + 4.0 * t, 5.0 - 7.0 * min(max(t - 3.0, 0.0), 1.0)))],
+                       sight=lambda t: not 3.0 < t < 3.9, seed=seed).run(9.0) for seed in range(4)]
+    contract(at_most('names', max(len({moment.targets.selected for moment in rig.following(1.0)}) for rig in rigs), 1),
+             at_most('targets at the end', max(len(rig.moments[-1].targets.tracks) for rig in rigs), 1))
+
+
 @pytest.mark.parametrize('array', ['pair', 'eight'])
 def test_passing_the_axis_of_the_microphones_keeps_an_honest_bearing(contract, array):
     """10 deg/s from 20 to 140 deg, seen only while it is in view: near 90 deg a pair's sigma grows, and covers the error.

@@ -19,7 +19,8 @@ AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
 DT, SUBSTEPS = 0.5, 10  # windows that follow one another without overlap: every sound is new evidence
 DENSITY = 0.02  # rad^2/s^3
-LEVEL = MotionModel(1e-8, (Elevation(0.0, math.radians(0.3) ** 2, 1.0),), np.array([DENSITY]), np.ones(1))
+LEVEL = MotionModel(1e-8, (Elevation(0.0, math.radians(0.3) ** 2, 1.0),), np.array([DENSITY]), np.ones(1),
+                    climb_rates=np.array([5e-5]))
 SETTINGS = FilterSettings(LEVEL, loss_rate=0.0, sound_floor_sigma=0.0, unheard_rate=0.0, sound_detection_probability=0.99)
 
 

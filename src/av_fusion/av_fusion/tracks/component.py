@@ -177,7 +177,7 @@ class GaussianComponent:
         passing = min(self.across_rate**2 + self.up_rate**2, 0.5)
         q = float(moving) * model.accelerations + PASSING_S * passing**2
         climb = math.sin(self.elevation) * passing
-        q_up = (1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * climb**2
+        q_up = (1.0 - level) * q + level * 2.0 * model.climb_rates**2 / CLIMB_S + PASSING_S * climb**2
         covariances = self.covariances
         for k, density in ((0, q), (1, q_up)):
             covariances[:, k, k] += density * dt**3 / 3.0

@@ -140,7 +140,7 @@ class GaussianMixture:
 
     def _component_of(self, birth: BirthComponent, weight: float) -> GaussianComponent:
         level, model = math.cos(birth.elevation) ** 2, self.model
-        up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
+        up_rate_variance = level * float(model.shares @ model.climb_rates**2) + (1.0 - level) * self._rate_variance
         covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
         covariance[0, 1] = covariance[1, 0] = birth.hv
         return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),

@@ -44,6 +44,8 @@ class MotionModel:
         shares (k,): stationary probabilities of the modes.
         sojourn (s): mean time after which the mode is drawn anew.
         usual_inverse_range (1/m): mean and standard deviation of the inverse range.
+        climb_rates (k,) (rad/s): standard deviation of the vertical rate of targets close to the horizon, by mode. That of
+            manoeuvres is the median of 76 real clips.
     """
 
     elevation_density: float = 0.001
@@ -52,17 +54,13 @@ class MotionModel:
     shares: NDArray[np.float64] = field(default_factory=lambda: np.array([0.8, 0.2]), repr=False)
     sojourn: float = 1.0
     usual_inverse_range: float = 0.03
+    climb_rates: NDArray[np.float64] = field(default_factory=lambda: np.radians([0.9, 4.4]), repr=False)
 
     def prior_of(self, elevation: float, variance: float) -> float:
         """Prior density (1/rad) of an elevation (rad) that was measured with a variance (rad^2), but for a common factor."""
         totals = [usual.variance + variance for usual in self.elevations]
         return sum(usual.share * math.exp(max(-0.5 * (elevation - usual.mean) ** 2 / total, -300.0)) / math.sqrt(total)
                    for usual, total in zip(self.elevations, totals, strict=True))
-
-    @property
-    def climb_variance(self) -> float:
-        """Variance (rad^2/s^2) of the vertical rate of targets close to the horizon: half of their diffusion."""
-        return 0.25 * self.elevation_density / CLIMB_S
 
     def transitions(self, dt: float) -> NDArray[np.float64]:
         """Probabilities (k, k) of each mode (columns) `dt` s after another one (rows)."""
