@@ -44,8 +44,8 @@ class MotionModel:
         shares (k,): stationary probabilities of the modes.
         sojourn (s): mean time after which the mode is drawn anew.
         usual_inverse_range (1/m): mean and standard deviation of the inverse range.
-        climb_rates (k,) (rad/s): standard deviation of the vertical rate of targets close to the horizon, by mode. That of
-            manoeuvres is the median of 76 real clips.
+        climb_rates (k,) (rad/s): standard deviation of the vertical rate of targets close to the horizon, by mode: in steady
+            flight it makes half of the elevation's diffusion, in manoeuvres it is the median of 76 real clips.
     """
 
     elevation_density: float = 0.001
