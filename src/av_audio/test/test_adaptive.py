@@ -93,3 +93,14 @@ def test_any_rate_and_band(rate, band):
     sound = np.repeat(rng.normal(0.0, 0.05, (rate // 2, 1)), 2, axis=1)
     estimate, = Localizer(PAIR, rate, LocalizerSettings(band_hz=band, hop_s=1.0)).process(sound, 0)
     assert error_deg(estimate, 0.0) < 0.01
+
+
+@pytest.mark.parametrize('kind', ['noise', 'tone', 'click'])
+@pytest.mark.parametrize('level', [1.0, 0.37, 0.1])
+def test_channels_that_are_copies_have_a_finite_direction(kind, level):
+    """Nothing disagrees, so that each estimate may expect no error at all: the source is broadside."""
+    time = np.arange(RATE // 2) / RATE
+    sound = {'noise': np.random.default_rng(3).normal(size=len(time)), 'tone': np.sin(2.0 * np.pi * 440.0 * time),
+             'click': np.where(np.arange(len(time)) == 5000, 1.0, 0.0)}[kind]
+    estimate = located(np.stack([level * sound] * 2, axis=1))
+    assert error_deg(estimate, 0.0) < 0.1 and np.isfinite(estimate.azimuth_variance).all()
