@@ -140,11 +140,14 @@ def test_in_rooms_a_confidence_is_no_less_than_it_says(contract, windows):
 
 
 def test_in_rooms_fusing_is_no_worse_than_a_window(contract, windows):
-    """A source and a rig at rest for 4 s: the bearing, mirror images folded, is at least as good as the median window."""
+    """A source and a rig at rest for 4 s: the bearing, mirror images folded, is at least as good as the median window.
+
+    Half of the sources are noise, which is no drone: what they are is not judged here.
+    """
     errors, normalised = [], []
-    for seed in range(6):
+    for seed in range(ROOMS // 2):
         room = Room(seed, 3.5)
-        rig = listen(PAIR, room.sound, FormulaRig([Source.at(room.azimuth, 3.0)], sound=never, sight=never))
+        rig = listen(PAIR, room.sound, FormulaRig([Source.at(room.azimuth, 3.0)], sound=never, sight=never), drone_model='none')
         errors += list(np.abs(rig.errors(2.0, folded=True)))
         normalised += list(rig.normalised(2.0, 0.5, folded=True))
     contract(at_most('median', float(np.median(errors)), float(np.median(windows[:, 0])), 'deg'),
