@@ -211,6 +211,17 @@ def test_what_is_no_drone_is_not_followed(contract, voice):
     contract(at_most(f'{voice.__name__}: followed', followed(voice), 0.05))
 
 
+@pytest.mark.parametrize('wander', [0.0, 0.02])
+@pytest.mark.parametrize('pitch', [100.0, 150.0, 320.0, 450.0])
+def test_a_comb_is_not_followed(contract, pitch, wander):
+    """A hum, a whistle: harmonics of one pitch (Hz) that is steady or wanders, and nothing between them."""
+    def voice(rng, count):
+        time = np.arange(count) / RATE
+        phase = math.tau * pitch * (time + 0.5 * wander * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
+        return sum(np.cos(k * phase + rng.uniform(0.0, 6.3)) / k for k in range(1, int(7000.0 / pitch)))
+    contract(at_most('followed', followed(voice), 0.05))
+
+
 def test_one_steady_propeller_is_followed(contract):
     """An aeroplane: one comb as of an engine, but without half orders, steady, and with noise of the blades."""
     contract(at_least('followed', followed(propeller), 0.9))

@@ -69,13 +69,13 @@ def outside(model: DroneModel, folder: Path, rng: np.random.Generator, each: int
     for name in ('bebop_1', 'membo_1'):
         paths = sorted((folder / name).iterdir())
         chosen += [(paths[k], f'{name} drone') for k in rng.permutation(len(paths))[:10 * each]]
-    features, kinds = [], []
+    log_odds, kinds = list[float](), list[str]()
     for path, kind in chosen:
         samples = mono(path)
         if np.std(samples) > QUIETEST:
-            features.append(scenes.example(crop(samples, rng), None, rng.uniform(0.0, 25.0), 0.0))
+            log_odds.append(model.log_odds(*scenes.example(crop(samples, rng), None, rng.uniform(0.0, 25.0), 0.0)))
             kinds.append(kind)
-    return model.log_odds(np.array(features)), np.array([kind.endswith('drone') for kind in kinds]), np.array(kinds)
+    return np.array(log_odds), np.array([kind.endswith('drone') for kind in kinds]), np.array(kinds)
 
 
 def main() -> None:

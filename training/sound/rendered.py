@@ -17,13 +17,18 @@ SPEED_OF_SOUND = 343.0  # m/s
 OVER = 3  # rotors are rendered at this multiple of RATE, so that no harmonic is missing below half of RATE
 
 
-def recordings(rng: np.random.Generator, drones: int, others: int) -> Iterator[Recording]:
-    """Drones of each build, spread over the folds, and `others` of each other kind, which is in the fold of its family."""
+def recordings(rng: np.random.Generator, counts: dict[str, int]) -> Iterator[Recording]:
+    """Drones of each build, spread over the folds, and sounds of each other kind, which is in the fold of its family.
+
+    Parameters:
+        rng: source of random numbers.
+        counts: numbers of sounds by kind, `drone` for each build and `other` for kinds that have none of their own.
+    """
     for kind, render in (('rendered drone', multirotor), ('aeroplane drone', aeroplane)):
-        for number in range(drones):
+        for number in range(counts['drone']):
             yield Recording(kind, f'{kind} {number}', 1 + number % FOLDS, render(rng).astype(np.float32))
     for kind, (render, fold) in KINDS.items():
-        for number in range(others):
+        for number in range(counts.get(kind, counts['other'])):
             yield Recording(kind, f'{kind} {number}', fold, render(rng).astype(np.float32))
 
 

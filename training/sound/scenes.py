@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from material import RATE
 from numpy.typing import NDArray
+from rooms import room
 
 from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, DroneFeatures
 from av_audio.source_spectra import SourceSpectra
@@ -12,7 +13,8 @@ from av_common.microphone_array import MicrophoneArray
 
 SPEED_OF_SOUND = 343.0
 SAMPLES = round((FRAME_S + (SEGMENT_FRAMES - 1) * HOP_S) * RATE)
-REVERBERATION_S = 0.3
+IN_ROOM = 0.45, 0.2  # share of the scenes; of those whose sounds keep their colour
+ROOMS = 100  # of each array
 
 
 class Scenes:
@@ -29,10 +31,13 @@ class Scenes:
         pairs = [MicrophoneArray(np.array([[0.0, d / 2, 0.0], [0.0, -d / 2, 0.0]]), f'pair_{k}')
                  for k, d in enumerate((0.08, 0.12, 0.16, 0.2, 0.25, 0.3))]
         square = MicrophoneArray(np.array([[x, y, 0.0] for x in (-0.033, 0.033) for y in (-0.033, 0.033)]), 'square')
-        self._arrays = [(array, SourceSpectra(array, RATE, SPEED_OF_SOUND)) for array in (*pairs, square)]
+        wide = MicrophoneArray(np.array([[x, y, 0.0] for x in (-0.06, 0.06) for y in (-0.06, 0.06)]), 'wide')
+        arrays = (*pairs, square, wide)
+        self._arrays = [(array, SourceSpectra(array, RATE, SPEED_OF_SOUND), [room(array, rng) for _ in range(ROOMS)])
+                        for array in arrays]
 
     def example(self, source: NDArray, other: NDArray | None, snr_db: float, other_db: float,
-                separated: bool = False) -> NDArray[np.float32]:
+                separated: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Features of a source in a random scene.
 
         Parameters:
@@ -43,16 +48,19 @@ class Scenes:
             separated: whether the direction of the other is known, so that its sound is removed.
         """
         rng = self._rng
-        array, spectra = self._arrays[int(rng.integers(len(self._arrays)))]
-        q = self._direction(array.rank)
-        heard = self._arriving(source, array, q)
+        array, spectra, rooms = self._arrays[int(rng.integers(len(self._arrays)))]
+        plain, places = bool(rng.random() < self._as_recorded), rooms[int(rng.integers(len(rooms)))]
+        near, far = rng.permutation(len(places))[:2]
+        in_room = rng.random() < IN_ROOM[plain]
+        q, response = places[near] if in_room else (self._direction(array.rank), None)
+        heard = self._arriving(source, array, q, response, plain)
         scale = np.std(heard) + 1e-12
         known = []
         if other is not None:
-            apart = self._direction(array.rank)
+            apart, response = places[far] if in_room else (self._direction(array.rank), None)
             while np.linalg.norm(apart - q) < 0.25:
-                apart = self._direction(array.rank)
-            added = self._arriving(other, array, apart)
+                apart, response = self._direction(array.rank), None
+            added = self._arriving(other, array, apart, response, plain)
             heard = heard + added * scale / (np.std(added) + 1e-12) * 10.0 ** (other_db / 20.0)
             if separated:
                 known = [apart + 0.02 * rng.standard_normal(array.rank)]
@@ -60,28 +68,29 @@ class Scenes:
         heard = heard + noise * scale / np.std(noise) * 10.0 ** (-snr_db / 20.0)
         spectra.clear()
         spectra.add((heard / np.abs(heard).max() * 10.0 ** rng.uniform(-2.5, 0.0)).T.astype(np.float32))
-        return self._features(spectra.steered([q + 0.02 * rng.standard_normal(array.rank), *known])[0])
+        segment = spectra.steered([q + 0.02 * rng.standard_normal(array.rank), *known])[0]
+        return self._features(segment), self._features.lines(segment)
 
     def _direction(self, rank: int) -> NDArray:
         vector = self._rng.standard_normal(3)
         return (vector / np.linalg.norm(vector))[:rank]
 
-    def _arriving(self, sound: NDArray, array: MicrophoneArray, q: NDArray) -> NDArray:
-        """A sound (m, n) at the microphones: coloured, with an echo of the ground and sometimes a room."""
-        rng, size = self._rng, 2 * len(sound)
-        frequency = np.fft.rfftfreq(size, 1.0 / RATE)
-        lead = array.positions @ array.basis @ q / SPEED_OF_SOUND
-        response = np.exp(2j * np.pi * frequency * lead[:, None])
-        if rng.random() < self._as_recorded:
-            return np.fft.irfft(np.fft.rfft(sound, size) * response, size)[:, :len(sound)]
-        if rng.random() < 0.6:
-            sound = _with_echo(sound, rng)
-        response = response * self._colour(frequency)
-        if rng.random() < 0.3:
-            tail = rng.standard_normal((array.channels, int(REVERBERATION_S * RATE)))
-            tail *= np.exp(-6.9 * np.arange(tail.shape[1]) / RATE / rng.uniform(0.15, 0.7))
-            tail *= 10.0 ** (rng.uniform(-15.0, 3.0) / 20.0) / np.sqrt(np.sum(tail**2, axis=1, keepdims=True))
-            response = response + self._colour(frequency) * np.fft.rfft(tail, size)
+    def _arriving(self, sound: NDArray, array: MicrophoneArray, q: NDArray, response: NDArray | None,
+                  plain: bool) -> NDArray:
+        """A sound (m, n) at the microphones: coloured, with an echo of the ground, or in a room that it has filled."""
+        rng, size = self._rng, len(sound)
+        if response is None:
+            if not plain and rng.random() < 0.6:
+                sound = _with_echo(sound, rng)
+            size = 2 * len(sound)
+            frequency = np.fft.rfftfreq(size, 1.0 / RATE)
+            lead = array.positions @ array.basis @ q / SPEED_OF_SOUND
+            response = np.exp(2j * np.pi * frequency * lead[:, None])
+        else:
+            frequency = np.fft.rfftfreq(size, 1.0 / RATE)
+            response = np.fft.rfft(response[:, :size], size)
+        if not plain:
+            response = response * self._colour(frequency)
         return np.fft.irfft(np.fft.rfft(sound, size) * response, size)[:, :len(sound)]
 
     def _colour(self, frequency: NDArray) -> NDArray:

@@ -70,7 +70,7 @@ class DroneClassifier:
             return [Judgement()] * len(directions)
         judged = []
         for segment in self._spectra.steered(directions, blade_pass_hz):
-            probability = 1.0 / (1.0 + math.exp(-float(self._model.log_odds(self._features(segment)))))
+            probability = 1.0 / (1.0 + math.exp(-self._model.log_odds(self._features(segment), self._features.lines(segment))))
             fundamental = self._features.fundamental(segment)
             judged.append(Judgement(probability, fundamental, (FUNDAMENTAL_SIGMA * fundamental) ** 2))
         return judged

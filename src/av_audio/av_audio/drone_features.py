@@ -38,6 +38,8 @@ LEAST_COMB = 0.5  # by which the lines of a comb stand out from what is between 
 COMB_STEPS = 5  # over which the lines of rotors with different speeds spread
 HARMONICS_HZ = 6000.0  # highest of the lines of a comb
 FUNDAMENTAL_SIGMA = 0.03  # relative error of fundamentals: the rotors of one drone differ
+LINES, LINE_CELLS = 4, 478  # rows of `lines`; cells of LOG_STEP, from LOWEST_HZ to HIGHEST_HZ
+MOVED_FROM = 150  # first of the cells by which movement is measured: they are not narrower than half a bin
 SPACINGS_HZ = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0, 250.0, 350.0, 500.0, 700.0)  # distances between lines
 
 
@@ -88,6 +90,10 @@ class DroneFeatures:
         self._fundamentals = self._log_axis[self._log_axis <= FUNDAMENTALS_HZ[1]]
         self._combs, self._gaps = _combs(len(self._fundamentals), count)
         self._line_bands = np.searchsorted(frequencies, LINE_BANDS_HZ)
+        axis = LOWEST_HZ * np.exp(LOG_STEP * np.arange(LINE_CELLS))
+        below = np.searchsorted(frequencies, axis * np.exp(-0.5 * LOG_STEP))
+        above = np.searchsorted(frequencies, axis * np.exp(0.5 * LOG_STEP))
+        self._line_cells = np.clip(np.stack([below, np.maximum(above, below + 1)]), 0, len(frequencies) - 1)
         self._lags = np.unique(np.round(np.array(SPACINGS_HZ) * FRAME_S).astype(int))
 
     def __call__(self, segment: Segment) -> NDArray[np.float32]:
@@ -96,6 +102,26 @@ class DroneFeatures:
         whole, halves = segment.prominence, zip(np.array_split(segment.power, 2), np.array_split(segment.total, 2), strict=True)
         combs = self._comb_features(whole, *(prominence_of(power, total) for power, total in halves))
         return np.concatenate([bands, combs, self._line_features(whole), self._spacings(whole)]).astype(np.float32)
+
+    def lines(self, segment: Segment) -> NDArray[np.float32]:
+        """Lines (LINES, LINE_CELLS) by log frequency: of the second, coherence, mean of frames, mean of moved frames.
+
+        Each frame is moved to where it agrees best with the mean of those before. Lines of one shaft move together, and are
+        sharper thereafter; those of several rotors are not.
+        """
+        level = np.log(np.maximum(segment.power, LEAST_SHARE * segment.total.mean(axis=0)) + 1e-20)
+        frames = np.clip(level - floor_of(level.mean(axis=0)), 0.0, LARGEST_PROMINENCE)
+        coherence = np.clip(segment.power.sum(axis=0) / (segment.total.sum(axis=0) + 1e-20), 0.0, 1.0)
+        values = np.vstack([segment.prominence, coherence, frames])
+        cells = np.maximum.reduceat(values, self._line_cells.T.ravel(), axis=1)[:, ::2]
+        frames = cells[2:]
+        padded = np.pad(frames, ((0, 0), (SHIFTS, SHIFTS)))
+        moved = frames[0].copy()
+        for number in range(1, len(frames)):
+            parts = sliding_window_view(padded[number], LINE_CELLS)
+            best = int(np.argmax(parts[:, MOVED_FROM:] @ moved[MOVED_FROM:]))
+            moved += parts[best]
+        return np.stack([cells[0], cells[1], frames.mean(axis=0), moved / len(frames)]).astype(np.float32)
 
     def fundamental(self, segment: Segment) -> float:
         """Fundamental (Hz) of the harmonics, which is the blade-pass frequency of a drone; NaN where none stand out."""
@@ -167,9 +193,13 @@ def prominence_of(power: NDArray, total: NDArray) -> NDArray[np.float32]:
     """
     least = LEAST_SHARE * total.mean(axis=0)
     level = np.log(np.maximum(power.mean(axis=0), least) + 1e-20)
+    return np.clip(level - floor_of(level), 0.0, LARGEST_PROMINENCE).astype(np.float32)
+
+
+def floor_of(level: NDArray) -> NDArray:
+    """Levels (k,) of what is between the lines of levels (k,)."""
     coarse = median_filter(level[::4], FLOOR_BINS // 4, mode='nearest')
-    floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
-    return np.clip(level - floor, 0.0, LARGEST_PROMINENCE).astype(np.float32)
+    return np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
 
 
 def _correlations(part: NDArray, whole: NDArray) -> NDArray:

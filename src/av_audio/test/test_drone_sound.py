@@ -14,8 +14,8 @@ from scipy.stats import mannwhitneyu
 from test_doa_stage import feed
 
 from av_audio.drone_classifier import DroneClassifier, load_model
-from av_audio.drone_features import DroneFeatures, Segment, bin_frequencies
-from av_audio.drone_model import DroneModel
+from av_audio.drone_features import LINE_CELLS, LINES, DroneFeatures, Segment, bin_frequencies
+from av_audio.drone_model import FUNDAMENTALS, LOWEST_CELL, STEPS, DroneModel
 from av_audio.source_spectra import SourceSpectra
 from av_audio.stage import DoaStage
 from av_common.acoustics import speed_of_sound
@@ -104,23 +104,56 @@ def test_features_depend_neither_on_level_nor_on_sample_rate():
 def test_features_of_silence_are_finite():
     empty = np.zeros((12, len(bin_frequencies())))
     assert np.isfinite(DroneFeatures()(Segment(empty, empty))).all()
+    assert np.isfinite(DroneFeatures().lines(Segment(empty, empty))).all()
 
 
-def test_the_model_is_a_perceptron_with_calibration(tmp_path):
+def test_lines_of_one_shaft_move_together():
+    """A comb that wanders is sharper where its frames are moved; the lines of four rotors hardly are."""
+    rng, time, sharper = np.random.default_rng(11), np.arange(2 * RATE) / RATE, []
+    for rotors in (1, 4):
+        sound = sum(np.cos(2 * np.pi * order * (190.0 + 3.0 * k) * (time + 0.01 * np.sin(3.0 * time + 1.5 * k)) + 7.0 * order)
+                    for order in range(1, 25) for k in range(rotors))
+        heard = np.stack([sound, sound], axis=1) + 0.1 * rng.standard_normal((len(time), 2))
+        lines = DroneFeatures().lines(steered(PAIR, 0.01 * heard, [0.0]))
+        assert lines.shape == (LINES, LINE_CELLS)
+        sharper.append(lines[3].std() / lines[2].std() - 1.0)
+    assert sharper[0] > 0.02 > 2.0 * sharper[1]
+
+
+def test_the_model_is_the_mean_of_networks_with_calibration(tmp_path):
+    """Against the sums of the layers, written out."""
     rng = np.random.default_rng(4)
-    n = DroneFeatures.COUNT
-    first, second = rng.standard_normal((n, 3)).astype('f'), rng.standard_normal((3, 1)).astype('f')
-    model = DroneModel([(first, np.ones(3, 'f')), (second, np.array([0.5], 'f'))], np.full(n, 0.1), np.full(n, 2.0), 0.7, -0.2)
-    values = rng.standard_normal((5, n))
-    expected = 0.7 * (np.maximum((values - 0.1) / 2.0 @ first + 1.0, 0.0) @ second + 0.5)[:, 0] - 0.2
+
+    def layer(inputs, outputs):
+        return rng.normal(0.0, inputs**-0.5, (inputs, outputs)).astype('f'), rng.normal(0.0, 0.1, outputs).astype('f')
+
+    count = DroneFeatures.COUNT
+    networks = [[layer(LINES * 3, 2), layer(2 * len(STEPS), 3), layer(3 * 5, 4), layer(8 + count, 5), layer(5, 1)]
+                for _ in range(2)]
+    features, lines = rng.standard_normal(count), rng.standard_normal((LINES, LINE_CELLS)).astype('f')
+
+    def output(first, second, third, hidden, last):
+        near = np.array([first[1][u] + sum(np.correlate(lines[n], first[0][3 * n:3 * n + 3, u], 'same') for n in range(LINES))
+                         for u in range(2)]).clip(0.0)
+        orders = np.array([[sum(second[0][2 * n + c, u] * near[c, f + step] for n, step in enumerate(STEPS) for c in range(2)
+                                if 0 <= f + step < LINE_CELLS) + second[1][u] for u in range(3)]
+                           for f in range(LOWEST_CELL, LOWEST_CELL + FUNDAMENTALS)])
+        orders = np.maximum(orders, 0.0)
+        beside = np.array([third[1] + sum(orders[f + k, c] * third[0][5 * c + k] for k in range(5) for c in range(3))
+                           for f in range(FUNDAMENTALS - 4)])
+        beside = np.maximum(beside, 0.0)
+        values = np.concatenate([beside.max(axis=0), beside.mean(axis=0), (features - 0.1) / 2.0])
+        return (np.maximum(values @ hidden[0] + hidden[1], 0.0) @ last[0] + last[1])[0]
+
+    model = DroneModel(networks, np.full(count, 0.1), np.full(count, 2.0), 0.7, -0.2)
     model.save(tmp_path / 'model.npz')
-    np.testing.assert_allclose(DroneModel.load(tmp_path / 'model.npz').log_odds(values), expected, rtol=1e-5)
+    expected = 0.7 * np.mean([output(*network) for network in networks]) - 0.2
+    assert DroneModel.load(tmp_path / 'model.npz').log_odds(features, lines) == pytest.approx(expected, rel=1e-4)
 
 
 def test_files_that_are_no_model_are_named(tmp_path):
     (tmp_path / 'text.npz').write_text('no model')
-    np.savez(tmp_path / 'other.npz', weights_0=np.zeros((3, 1)), biases_0=np.zeros(1), mean=np.zeros(3), scale=np.ones(3),
-             calibration=np.ones(2))
+    np.savez(tmp_path / 'other.npz', mean=np.zeros(3), scale=np.ones(3), calibration=np.ones(2))
     with pytest.raises(ValueError, match=r'text\.npz is no model of drone sounds'):
         load_model(str(tmp_path / 'text.npz'))
     with pytest.raises(ValueError, match=r'other\.npz is no model .* 3 features, expected \d+'):
@@ -148,7 +181,7 @@ class Alternating:
     def __init__(self, *odds) -> None:
         self._odds = cycle(odds)
 
-    def log_odds(self, features: np.ndarray) -> float:
+    def log_odds(self, features: np.ndarray, lines: np.ndarray) -> float:
         return next(self._odds)
 
 
@@ -177,7 +210,8 @@ def test_recordings_are_told_apart():
             part = sound[start:start + rate].mean(axis=1)
             heard = arriving(PAIR, np.array([0.4]), part, rate)
             heard += 0.1 * heard.std() * rng.standard_normal(heard.shape)
-            scores[kind == 'DRONE'].append(float(model.log_odds(features(steered(PAIR, heard, [0.4], rate)))))
+            segment = steered(PAIR, heard, [0.4], rate)
+            scores[kind == 'DRONE'].append(model.log_odds(features(segment), features.lines(segment)))
     drones, others = scores[True], scores[False]
     area = mannwhitneyu(drones, others).statistic / (len(drones) * len(others))
     assert area > 0.9
