@@ -38,7 +38,7 @@ LEAST_COMB = 0.5  # by which the lines of a comb stand out from what is between 
 COMB_STEPS = 5  # over which the lines of rotors with different speeds spread
 HARMONICS_HZ = 6000.0  # highest of the lines of a comb
 FUNDAMENTAL_SIGMA = 0.03  # relative error of fundamentals: the rotors of one drone differ
-LINES, LINE_CELLS = 4, 478  # rows of `lines`; cells of LOG_STEP, from LOWEST_HZ to HIGHEST_HZ
+LINES, LINE_CELLS = 4, int(np.log(HIGHEST_HZ / LOWEST_HZ) / LOG_STEP)  # rows of `lines`, and their cells from LOWEST_HZ on
 MOVED_FROM = 150  # first of the cells by which movement is measured: they are not narrower than half a bin
 SPACINGS_HZ = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0, 250.0, 350.0, 500.0, 700.0)  # distances between lines
 
@@ -83,17 +83,11 @@ class DroneFeatures:
         self._frequencies = frequencies = bin_frequencies()
         self._bands = _mel_filters(frequencies)
         count = int(np.log(frequencies[-1] / FUNDAMENTALS_HZ[0]) / LOG_STEP)
-        self._log_axis = FUNDAMENTALS_HZ[0] * np.exp(LOG_STEP * np.arange(count))
-        below = np.searchsorted(frequencies, self._log_axis * np.exp(-0.5 * LOG_STEP))
-        above = np.searchsorted(frequencies, self._log_axis * np.exp(0.5 * LOG_STEP))
-        self._cells = np.clip(np.stack([below, np.maximum(above, below + 1)]), 0, len(frequencies) - 1)
-        self._fundamentals = self._log_axis[self._log_axis <= FUNDAMENTALS_HZ[1]]
+        axis, self._cells = _log_axis(frequencies, FUNDAMENTALS_HZ[0], count)
+        _, self._line_cells = _log_axis(frequencies, LOWEST_HZ, LINE_CELLS)
+        self._fundamentals = axis[axis <= FUNDAMENTALS_HZ[1]]
         self._combs, self._gaps = _combs(len(self._fundamentals), count)
         self._line_bands = np.searchsorted(frequencies, LINE_BANDS_HZ)
-        axis = LOWEST_HZ * np.exp(LOG_STEP * np.arange(LINE_CELLS))
-        below = np.searchsorted(frequencies, axis * np.exp(-0.5 * LOG_STEP))
-        above = np.searchsorted(frequencies, axis * np.exp(0.5 * LOG_STEP))
-        self._line_cells = np.clip(np.stack([below, np.maximum(above, below + 1)]), 0, len(frequencies) - 1)
         self._lags = np.unique(np.round(np.array(SPACINGS_HZ) * FRAME_S).astype(int))
 
     def __call__(self, segment: Segment) -> NDArray[np.float32]:
@@ -112,8 +106,7 @@ class DroneFeatures:
         level = np.log(np.maximum(segment.power, LEAST_SHARE * segment.total.mean(axis=0)) + 1e-20)
         frames = np.clip(level - floor_of(level.mean(axis=0)), 0.0, LARGEST_PROMINENCE)
         coherence = np.clip(segment.power.sum(axis=0) / (segment.total.sum(axis=0) + 1e-20), 0.0, 1.0)
-        values = np.vstack([segment.prominence, coherence, frames])
-        cells = np.maximum.reduceat(values, self._line_cells.T.ravel(), axis=1)[:, ::2]
+        cells = _largest(np.vstack([segment.prominence, coherence, frames]), self._line_cells)
         frames = cells[2:]
         padded = np.pad(frames, ((0, 0), (SHIFTS, SHIFTS)))
         moved = frames[0].copy()
@@ -125,7 +118,7 @@ class DroneFeatures:
 
     def fundamental(self, segment: Segment) -> float:
         """Fundamental (Hz) of the harmonics, which is the blade-pass frequency of a drone; NaN where none stand out."""
-        lines = uniform_filter1d(self._on_log_axis(segment.prominence), COMB_STEPS)
+        lines = uniform_filter1d(_largest(segment.prominence, self._cells), COMB_STEPS)
         scores = self._combs @ lines - self._gaps @ lines
         if scores.max() < LEAST_COMB:
             return float('nan')
@@ -152,13 +145,8 @@ class DroneFeatures:
         share = np.maximum(power.sum(), 0.0) / (total.sum() + 1e-20)
         return np.concatenate([mean - mean.mean(), level.std(axis=0), change[::3], [overall.std(), np.ptp(overall), share]])
 
-    def _on_log_axis(self, prominence: NDArray) -> NDArray:
-        """Largest prominence within each cell of the logarithmic axis."""
-        edges = self._cells.T.ravel()
-        return np.maximum.reduceat(prominence, edges)[::2]
-
     def _comb_features(self, whole: NDArray, first: NDArray, second: NDArray) -> NDArray:
-        lines = self._on_log_axis(whole)
+        lines = _largest(whole, self._cells)
         combs = self._combs @ lines
         scores = combs - self._gaps @ lines
         best = int(np.argmax(scores))
@@ -168,7 +156,7 @@ class DroneFeatures:
         around = [max(scores[max(best - step, 0)], scores[min(best + step, len(scores) - 1)]) for step in NEIGHBOURS]
         apart = np.abs(np.arange(len(scores)) - best)
         other = float(np.max(scores[apart > 2 * NEIGHBOURS[-1]]))
-        before, after = self._on_log_axis(first), self._on_log_axis(second)
+        before, after = _largest(first, self._cells), _largest(second, self._cells)
         shifted = _correlations(before[SHIFTS:-SHIFTS], after)
         return np.concatenate([[scores[best], combs[best], np.log(self._fundamentals[best]), other], harmonics, around,
                                [shifted.max(), shifted[SHIFTS], float(np.argmax(shifted) - SHIFTS)]])
@@ -200,6 +188,24 @@ def floor_of(level: NDArray) -> NDArray:
     """Levels (k,) of what is between the lines of levels (k,)."""
     coarse = median_filter(level[::4], FLOOR_BINS // 4, mode='nearest')
     return np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
+
+
+def _log_axis(frequencies: NDArray, lowest: float, count: int) -> tuple[NDArray, NDArray]:
+    """Frequencies (count,) of a logarithmic axis, and the first bin of each of its cells and the one after the last (count, 2).
+
+    Parameters:
+        frequencies (k,) (Hz): of the bins.
+        lowest (Hz): of the axis, whose step is LOG_STEP.
+        count: number of cells.
+    """
+    axis = lowest * np.exp(LOG_STEP * np.arange(count))
+    below, above = (np.searchsorted(frequencies, axis * np.exp(side * LOG_STEP)) for side in (-0.5, 0.5))
+    return axis, np.clip(np.stack([below, np.maximum(above, below + 1)], axis=1), 0, len(frequencies) - 1)
+
+
+def _largest(values: NDArray, cells: NDArray) -> NDArray:
+    """The largest of values (..., k) within each cell; see `_log_axis`."""
+    return np.asarray(np.maximum.reduceat(values, cells.ravel(), axis=-1)[..., ::2])
 
 
 def _correlations(part: NDArray, whole: NDArray) -> NDArray:

@@ -10,17 +10,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from av_audio.drone_features import LINE_CELLS, LOG_STEP, DroneFeatures
+from av_audio.drone_features import FUNDAMENTALS_HZ, LINE_CELLS, LINES, LOG_STEP, LOWEST_HZ, DroneFeatures
 from av_common.files import MEGABYTE, check_file
 
 MOST_BYTES = 10 * MEGABYTE
 LARGEST_FEATURE = 6.0  # of a standardised feature, in standard deviations
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
-
-
 # Cells from a fundamental to its 13 orders, which a layer sees together (Bittner et al., ISMIR 2017).
 STEPS = tuple(round(math.log(order) / LOG_STEP) for order in range(1, 14))
-LOWEST_CELL, FUNDAMENTALS = -33, 300  # fundamentals: 45 to 900 Hz
+LOWEST_CELL = round(math.log(FUNDAMENTALS_HZ[0] / LOWEST_HZ) / LOG_STEP)  # of the fundamentals, below those of the lines
+FUNDAMENTALS = round(math.log(FUNDAMENTALS_HZ[1] / FUNDAMENTALS_HZ[0]) / LOG_STEP)
 LAYERS = ('lines', 'orders', 'fundamentals', 'hidden', 'output')
 
 
@@ -64,7 +63,7 @@ class DroneModel:
         try:
             with np.load(check_file(path, MOST_BYTES, 'model'), allow_pickle=False) as file:
                 return cls._of({name: file[name] for name in file.files})
-        except (KeyError, ValueError, EOFError, TypeError, BadZipFile) as error:
+        except (LookupError, ArithmeticError, ValueError, EOFError, TypeError, BadZipFile) as error:
             raise ValueError(f'{path} is no model of drone sounds: {error}') from error
 
     @classmethod
@@ -73,7 +72,9 @@ class DroneModel:
             raise ValueError(f"a model of {len(arrays['mean'])} features, expected {DroneFeatures.COUNT}")
         layers = [list(zip(arrays[f'{layer}_weights'], arrays[f'{layer}_biases'], strict=True)) for layer in LAYERS]
         slope, offset = arrays['calibration'].tolist()
-        return cls([list(network) for network in zip(*layers, strict=True)], arrays['mean'], arrays['scale'], slope, offset)
+        model = cls([list(network) for network in zip(*layers, strict=True)], arrays['mean'], arrays['scale'], slope, offset)
+        model.log_odds(np.zeros(DroneFeatures.COUNT), np.zeros((LINES, LINE_CELLS)))  # layers that fit each other
+        return model
 
 
 def standardised(features: NDArray, mean: NDArray, scale: NDArray) -> NDArray:

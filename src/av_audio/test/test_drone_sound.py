@@ -15,11 +15,12 @@ from test_doa_stage import feed
 
 from av_audio.drone_classifier import DroneClassifier, load_model
 from av_audio.drone_features import LINE_CELLS, LINES, DroneFeatures, Segment, bin_frequencies
-from av_audio.drone_model import FUNDAMENTALS, LOWEST_CELL, STEPS, DroneModel
+from av_audio.drone_model import FUNDAMENTALS, LAYERS, LOWEST_CELL, STEPS, DroneModel
 from av_audio.source_spectra import SourceSpectra
 from av_audio.stage import DoaStage
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
+from av_common.shipped import shipped_file
 
 RATE, C = 16_000, speed_of_sound(20.0)
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair')
@@ -158,6 +159,11 @@ def test_files_that_are_no_model_are_named(tmp_path):
         load_model(str(tmp_path / 'text.npz'))
     with pytest.raises(ValueError, match=r'other\.npz is no model .* 3 features, expected \d+'):
         load_model(str(tmp_path / 'other.npz'))
+    with np.load(shipped_file('av_audio', 'models', 'drone_sound.npz')) as file:
+        for layer in LAYERS:
+            np.savez(tmp_path / 'cut.npz', **{**file, f'{layer}_weights': file[f'{layer}_weights'][:, 1:]})
+            with pytest.raises(ValueError, match=r'cut\.npz is no model'):
+                load_model(str(tmp_path / 'cut.npz'))
     with pytest.raises(OSError, match=r'absent\.npz'):
         load_model(str(tmp_path / 'absent.npz'))
     assert load_model('none') is None
