@@ -53,20 +53,22 @@ def rotors(rng: Generator, count: int) -> NDArray:
     return sound / np.std(sound) + 0.3 * band_noise(rng, count, 1.0, (100.0, 6000.0))
 
 
+def harmonics(rng: Generator, count: int, pitch: float, orders: int, wander: float = 0.02) -> NDArray:
+    """Harmonics of a pitch (Hz) that wanders by a share of it, the n-th with 1 / n of the amplitude, and nothing between."""
+    time = np.arange(count) / RATE
+    phase = 2.0 * np.pi * pitch * (time + 0.5 * wander * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
+    sound = sum(k**-1.0 * np.cos(k * phase + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, orders + 1))
+    return sound / np.std(sound)
+
+
 def comb(rng: Generator, count: int) -> NDArray:
     """An engine: harmonics of 40 Hz that wander by 2 %."""
-    time = np.arange(count) / RATE
-    phase = 2.0 * np.pi * (40.0 * time + 0.4 * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
-    sound = sum(k**-1.0 * np.cos(k * phase + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 60))
-    return sound / np.std(sound)
+    return harmonics(rng, count, 40.0, 59)
 
 
 def wing_beat(rng: Generator, count: int) -> NDArray:
     """An insect: harmonics of 230 Hz that wander by 2 %."""
-    time = np.arange(count) / RATE
-    phase = 2.0 * np.pi * (230.0 * time + 2.3 * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
-    sound = sum(k**-1.0 * np.cos(k * phase + rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 16))
-    return sound / np.std(sound)
+    return harmonics(rng, count, 230.0, 15)
 
 
 def propeller(rng: Generator, count: int) -> NDArray:

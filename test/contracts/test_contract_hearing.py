@@ -21,6 +21,7 @@ from formula_sound import (
     directions_of,
     flaps,
     frames,
+    harmonics,
     heard,
     hearing,
     hum,
@@ -216,9 +217,7 @@ def test_what_is_no_drone_is_not_followed(contract, voice):
 def test_a_comb_is_not_followed(contract, pitch, wander):
     """A hum, a whistle: harmonics of one pitch (Hz) that is steady or wanders, and nothing between them."""
     def voice(rng, count):
-        time = np.arange(count) / RATE
-        phase = math.tau * pitch * (time + 0.5 * wander * np.sin(2.0 * time + rng.uniform(0.0, 6.0)))
-        return sum(np.cos(k * phase + rng.uniform(0.0, 6.3)) / k for k in range(1, int(7000.0 / pitch)))
+        return harmonics(rng, count, pitch, int(7000.0 / pitch), wander)
     contract(at_most('followed', followed(voice), 0.05))
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
 RATE = 16_000  # Hz, of everything that is trained on
+SPEED_OF_SOUND = 343.0  # m/s
 # Classes of ESC-50 that make up ESC-10, by their number in the file's name, with the fold of their family (`others.py`).
 ESC10 = {0: ('recorded dog', 5), 1: ('recorded rooster', 5), 10: ('recorded rain', 2), 11: ('recorded surf', 2),
          12: ('recorded fire', 2), 20: ('recorded baby', 5), 21: ('recorded sneeze', 5), 38: ('recorded clock', 5),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from material import FOLDS, RATE, Recording
+from material import FOLDS, RATE, SPEED_OF_SOUND, Recording
 from numpy.typing import NDArray
 from others import KINDS
 from scipy.signal import resample_poly
@@ -13,7 +13,6 @@ from waves import SECONDS, Samples, harmonics, log_uniform, phase, times, wander
 
 from av_simulator.sound import RotorSignal
 
-SPEED_OF_SOUND = 343.0  # m/s
 OVER = 3  # rotors are rendered at this multiple of RATE, so that no harmonic is missing below half of RATE
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pyroomacoustics
 from material import RATE
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.places import shoebox
 
-SPEED_OF_SOUND = 343.0
 SMALLEST_M, LARGEST_M, WALL_M = (3.0, 3.0, 2.3), (14.0, 11.0, 5.0), 0.3
 SOURCES, NEAREST_M = 4, 0.6
 T60_S, DIRECT_DB = (0.2, 1.0), (-6.0, 10.0)  # reverberation time; direct sound over all else
@@ -28,13 +27,10 @@ def room(array: MicrophoneArray, rng: np.random.Generator) -> list[tuple[NDArray
     while True:
         size, t60 = rng.uniform(SMALLEST_M, LARGEST_M), float(np.exp(rng.uniform(*np.log(T60_S))))
         try:
-            absorption, order = pyroomacoustics.inverse_sabine(t60, size)
+            box = shoebox(size, t60, LARGEST_ORDER, RATE)
             break
         except ValueError:  # too large for so short a reverberation
             continue
-    box = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
-                                  max_order=min(order, LARGEST_ORDER))
-    box.set_sound_speed(SPEED_OF_SOUND)
     turn = Rotation.from_euler('ZYX', [rng.uniform(-np.pi, np.pi), *rng.normal(0.0, 0.1, 2)])
     place = rng.uniform(2.0 * WALL_M, size - 2.0 * WALL_M)
     box.add_microphone_array((place + turn.apply(array.positions)).T)

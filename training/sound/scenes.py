@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from material import RATE
+from material import RATE, SPEED_OF_SOUND
 from numpy.typing import NDArray
 from rooms import room
 
@@ -11,7 +11,6 @@ from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, DroneFeature
 from av_audio.source_spectra import SourceSpectra
 from av_common.microphone_array import MicrophoneArray
 
-SPEED_OF_SOUND = 343.0
 SAMPLES = round((FRAME_S + (SEGMENT_FRAMES - 1) * HOP_S) * RATE)
 IN_ROOM = 0.45, 0.2  # share of the scenes; of those whose sounds keep their colour
 ROOMS = 100  # of each array

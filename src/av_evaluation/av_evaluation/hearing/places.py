@@ -42,19 +42,20 @@ TAIL_LEVEL = (0.1, 0.6)  # amplitude over that of the direct sound
 Field = Callable[[Generator, float, float], Window]
 
 
-def shoebox(size: NDArray, t60: float, largest_order: int = LARGEST_ORDER) -> Any:
-    """An empty `pyroomacoustics.ShoeBox` at RATE and 20 degrees Celsius.
+def shoebox(size: NDArray, t60: float, largest_order: int = LARGEST_ORDER, rate: int = RATE) -> Any:
+    """An empty `pyroomacoustics.ShoeBox` at 20 degrees Celsius.
 
     Parameters:
         size (3,): of the room in m.
         t60 (s): reverberation time, which gives the absorption by Sabine's formula.
         largest_order: of reflections.
+        rate (Hz): of samples.
 
     Raises ImportError without pyroomacoustics, ValueError for a room that is too large for so short a reverberation.
     """
     import pyroomacoustics
     absorption, order = pyroomacoustics.inverse_sabine(t60, size)
-    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
+    room = pyroomacoustics.ShoeBox(size, fs=rate, materials=pyroomacoustics.Material(absorption),
                                    max_order=min(order, largest_order))
     room.set_sound_speed(C)
     return room
