@@ -158,6 +158,15 @@ def test_a_datagram_that_comes_too_late_is_counted_and_dropped():
     assert sum(len(block.samples) for block in blocks) == 19 * FRAMES
 
 
+@pytest.mark.parametrize(('order', 'taken'), [([0, 0, 1, 2, 3, 4], [0, 1, 2, 3, 4]), ([1, 0, 2, 3, 4], [1, 2, 3, 4])])
+def test_the_first_datagram_twice_or_late_is_no_restart(order, taken):
+    sent, decoder = datagrams(AudioFormat(), 5, header=True), AudioDecoder(AudioFormat())
+    blocks = decode(decoder, [(sent[number], 0.0) for number in order])
+    assert [block.samples.tobytes() for block in blocks] == [sent[number][24:] for number in taken]
+    assert [block.first_sample for block in blocks] == [n * FRAMES for n in range(len(taken))]
+    assert (decoder.counts.reordered, decoder.counts.lost, decoder.counts.restarts) == (1, 0, 0)
+
+
 def test_a_restarted_sender_continues_the_index():
     layout = AudioFormat()
     sent = datagrams(layout, 10, header=True)

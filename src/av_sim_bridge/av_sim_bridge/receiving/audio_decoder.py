@@ -94,7 +94,7 @@ class _NumberedStream:
     PATIENCE = 2
     SILENCE = 1.0      # s without a datagram after which a stream without headers may replace this one
     RESTART = 64       # a backward step of the sequence number by this or more starts a new stream
-    MOST_LOST = 1000   # as does a larger forward step
+    MOST_LOST = 1000   # as does a larger forward step, and one back to 0 by more than PATIENCE
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
@@ -114,7 +114,7 @@ class _NumberedStream:
         if self._expected < 0:
             self._expected = header.sequence
         elif not 0 <= header.sequence - self._expected <= self.MOST_LOST:
-            if 0 < self._expected - header.sequence < self.RESTART and header.sequence > 0:
+            if 0 < self._expected - header.sequence < (self.RESTART if header.sequence > 0 else self.PATIENCE + 1):
                 self.counts.reordered += 1     # already counted as lost, or a duplicate
                 return []
             self.counts.restarts += 1
