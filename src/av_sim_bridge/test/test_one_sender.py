@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import socket
 import time
@@ -113,6 +114,20 @@ def test_a_header_is_no_licence_to_take_the_sound_over(first, then):
         with pytest.raises(ForeignSenderError):
             bench.take(OTHER_PORT, number, FALSE)
     assert set(bench.obeyed) == {LEVEL}
+
+
+@pytest.mark.parametrize('stream', ['bare audio', 'time sync'])
+def test_a_stream_is_handed_over_after_a_step_back_of_the_clock(stream, monkeypatch):
+    """The machine's clock is set back by an hour while the simulator starts again."""
+    bench = Bench(stream)
+    for number in range(100, 150):
+        bench.take(FIRST, number, LEVEL)
+    bench.obeyed.clear()
+    monkeypatch.setitem(globals(), 'EPOCH', EPOCH - 3600.0)
+    for number in range(200, 300):
+        with contextlib.suppress(WireError):
+            bench.take(OTHER_PORT, number, FALSE)
+    assert LEVEL not in bench.obeyed and len(bench.obeyed) > 40
 
 
 def test_the_receiver_counts_and_names_them_apart_from_malformed_ones():

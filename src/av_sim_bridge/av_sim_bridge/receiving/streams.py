@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import SenderClock
+from av_common.clock import ElapsedTime, SenderClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.receiving.common_clock import SILENCE_S, CommonClock
 from av_sim_bridge.vehicle import VehicleState, from_truth
@@ -41,20 +41,20 @@ class OneSender:
     """
 
     def __init__(self, name: str) -> None:
-        self._name = name
-        self._present: tuple[Sender, float] | None = None
+        self._name, self._time = name, ElapsedTime()
+        self._present: tuple[Sender, float] | None = None    # sender, and elapsed time of its newest datagram (s)
 
     def check(self, sender: Sender, arrival: float) -> bool:
         """Whether a sender is another one than before. Raises ForeignSenderError while the present one sends."""
         if self._present is None or self._present[0] == sender:
             return False
-        if arrival - self._present[1] < SILENCE_S:
+        if self._time.at(arrival) - self._present[1] < SILENCE_S:
             raise ForeignSenderError(self._name, sender, self._present[0])
         return True
 
     def note(self, sender: Sender, arrival: float) -> None:
         """Note a usable datagram."""
-        self._present = sender, arrival
+        self._present = sender, self._time.at(arrival)
 
 
 class AudioStream:
