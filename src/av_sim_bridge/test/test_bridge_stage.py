@@ -23,7 +23,7 @@ from av_sim_bridge.receiving.streams import StampedImage
 from av_sim_bridge.stage import BridgeSettings, BridgeStage
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
-from av_sim_bridge.wire.error import WireError
+from av_sim_bridge.wire.error import UndatedError, WireError
 from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import ImuSample, encode_imu
@@ -81,6 +81,22 @@ def test_image_calibration_and_oracle_carry_one_stamp(rng):
         assert image.header == info.header == report.header and (info.width, info.height) == (320, 240)
         assert to_seconds(image.header.stamp) - EPOCH == pytest.approx(number / 30, abs=6e-3)
         assert (report.detections[0].id, report.detections[0].results[0].hypothesis.class_id) == ('oracle', 'drone')
+
+
+@pytest.mark.parametrize('port', [SENDER[1], 50_001])
+def test_boxes_of_a_restarted_simulator_wait_for_its_first_dated_image(port):
+    """They are neither of the last image before the restart, nor of a foreign sender, from whatever port they come."""
+    stage, stamps = make_stage(oracle_detections=True), []
+    for number in range(200):
+        begun, sender = (0, SENDER) if number < 60 else (100, (SENDER[0], port))
+        arrival, time = number / 30 + 2.0 * (number >= 60), (number - begun) / 30 + 5.0
+        with contextlib.suppress(UndatedError):
+            stage.on_image(encode_image(EncodedImage(time, b'data'))[0], EPOCH + arrival, sender)
+        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + arrival + 0.001, sender)
+        if report is not None:
+            stamps.append(to_seconds(report.header.stamp))
+            assert stamps[-1] == pytest.approx(EPOCH + arrival, abs=0.01)
+    assert len(stamps) > 150 and np.diff(stamps).min() > 0.0
 
 
 def test_the_oracle_is_silent_unless_asked_for():

@@ -186,17 +186,20 @@ class ImageStream:
         if is_oracle(datagram):
             return self._report(decode_oracle(datagram), sender)
         fragment = decode_fragment(datagram)
-        stamp = self._stamps.of(fragment.time, _date(self._clock, self._name, sender, fragment.time, arrival))
+        try:
+            stamp = self._stamps.of(fragment.time, _date(self._clock, self._name, sender, fragment.time, arrival))
+        except UndatedError:
+            self._newest = None    # nor can its boxes be dated
+            raise
         self._newest = sender, stamp
         image = self.assembler.add(fragment)
         return None if image is None else StampedImage(image, stamp)
 
     def _report(self, boxes: list[OracleBox], sender: Sender) -> OracleReport | None:
-        if self._newest is None:
-            return None
-        if self._newest[0] != sender:
-            raise ForeignSenderError('boxes in images', sender, self._newest[0])
-        return OracleReport(boxes, self._newest[1])
+        if self._newest is not None and self._newest[0] == sender:
+            return OracleReport(boxes, self._newest[1])
+        _refuse_others(self._clock, self._name, sender)
+        return None
 
 
 class TruthStream:
@@ -274,8 +277,13 @@ def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: 
     """ROS time (s) of a stamp. Raises UndatedError for one that cannot be dated, ForeignSenderError for that of another."""
     time = clock.date(name, sender, stamp, arrival)
     if time is None:
-        present = clock.sender(name)
-        if isinstance(present, tuple) and present != sender:
-            raise ForeignSenderError(name, sender, present)
+        _refuse_others(clock, name, sender)
         raise UndatedError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
     return time
+
+
+def _refuse_others(clock: CommonClock, name: str, sender: Sender) -> None:
+    """Raise ForeignSenderError for another one than the present sender of a stream."""
+    present = clock.sender(name)
+    if isinstance(present, tuple) and present != sender:
+        raise ForeignSenderError(name, sender, present)
