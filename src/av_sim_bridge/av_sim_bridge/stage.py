@@ -155,7 +155,7 @@ class BridgeStage:
         return [('camera/depth/image_raw', image_message(header, depth))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
-        """The messages of the true state of rig or target; none for a vehicle with another number."""
+        """The messages of the true state of rig or target; none for a vehicle with another number, or for an old state."""
         taken = self._truth.take(datagram, arrival, sender)
         if taken is None:
             return []
@@ -169,8 +169,11 @@ class BridgeStage:
         return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state))]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
-        """The message of an inertial measurement of the rig."""
-        sample, stamp = self._imu.take(datagram, arrival, sender)
+        """The message of an inertial measurement of the rig; none for an old one."""
+        taken = self._imu.take(datagram, arrival, sender)
+        if taken is None:
+            return []
+        sample, stamp = taken
         header = messages.make_header(stamp, BASE_FRAME)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 

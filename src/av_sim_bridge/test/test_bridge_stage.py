@@ -167,6 +167,33 @@ def test_the_gimbal_reports_its_orientation_in_the_time_of_the_others(rng):
     assert make_stage().on_gimbal(datagram, EPOCH, SENDER) == []    # a rig without a gimbal
 
 
+@pytest.mark.parametrize('stream', ['rig', 'target', 'imu'])
+def test_states_that_come_again_or_out_of_order_are_left_out(rng, stream):
+    """Each topic's stamps increase. What comes too late is lost, and nothing else is; after a restart all goes on."""
+    stage, stamps = make_stage(), []
+
+    def take(number, arrival):
+        time = 0.005 * number
+        if stream == 'imu':
+            outputs = stage.on_imu(encode_imu(ImuSample(number, time, np.zeros(3), np.zeros(3))), EPOCH + arrival, SENDER)
+        else:
+            state = to_truth(VehicleState(time, np.zeros(3)), 1 if stream == 'rig' else 2)
+            outputs = stage.on_truth(encode_truth(state), EPOCH + arrival, SENDER)
+        stamps.extend(to_seconds(message.header.stamp) for _, message in outputs[:1])
+
+    order = np.arange(1000, 2000)
+    order[100:900:10], order[101:900:10] = order[101:900:10], order[100:900:10].copy()    # neighbours change places
+    for place, number in enumerate(order):
+        for _ in range(1 + (place % 7 == 0)):
+            take(number, 0.005 * (1000 + place) + 0.001)
+    assert len(stamps) == 1000 - 80 and np.diff(stamps).min() > 0.0
+    assert stage.counts()['imu lost'] == 80 * (stream == 'imu')
+    for number in range(600):
+        with contextlib.suppress(WireError):
+            take(number, 10.5 + 0.005 * number)
+    assert len(stamps) > 920 + 350 and np.diff(stamps).min() > 0.0
+
+
 def test_each_vehicle_has_its_topic():
     stage = make_stage(targets=3)
 

@@ -202,6 +202,27 @@ class ImageStream:
         return None
 
 
+class InOrder:
+    """Leaves out states that come again or out of order, so that stamps increase."""
+
+    RESTART_S = 0.5    # dates of a sender that begins anew are later by more: it is not dated for a second
+
+    def __init__(self) -> None:
+        self._stamp = self._date = -math.inf
+
+    def takes(self, stamp: float, date: float) -> bool:
+        """Whether a state is newer than all before, or of a sender that has begun anew.
+
+        Parameters:
+            stamp (s): time of the state on the sender's clock.
+            date (s): the same in ROS time.
+        """
+        if stamp <= self._stamp and date < self._date + self.RESTART_S:
+            return False
+        self._stamp, self._date = stamp, date
+        return True
+
+
 class TruthStream:
     """Decodes states of vehicles to ROS frames and ROS time.
 
@@ -212,14 +233,16 @@ class TruthStream:
 
     def __init__(self, clock: CommonClock, names: Mapping[int, str]) -> None:
         self._clock, self._names = clock, names
+        self._order = {number: InOrder() for number in names}
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[int, VehicleState, float] | None:
-        """Number and state of the vehicle in one datagram, and its time (s, ROS time); None for another vehicle."""
+        """Number and state of the vehicle in one datagram, and its time (s, ROS time); None for another, or an old one."""
         truth = decode_truth(datagram)
-        name = self._names.get(truth.copter_id)
-        if name is None:
+        number = truth.copter_id
+        if number not in self._names:
             return None
-        return truth.copter_id, from_truth(truth), _date(self._clock, name, sender, truth.time, arrival)
+        stamp = _date(self._clock, self._names[number], sender, truth.time, arrival)
+        return (number, from_truth(truth), stamp) if self._order[number].takes(truth.time, stamp) else None
 
 
 class ImuStream:
@@ -227,13 +250,15 @@ class ImuStream:
 
     def __init__(self, clock: CommonClock) -> None:
         self.lost = 0
-        self._clock = clock
+        self._clock, self._order = clock, InOrder()
         self._expected: int | None = None
 
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[ImuSample, float]:
-        """The measurement in one datagram and its time (s, ROS time)."""
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[ImuSample, float] | None:
+        """The measurement in one datagram and its time (s, ROS time); None for one that comes again or out of order."""
         sample = decode_imu(datagram)
         stamp = _date(self._clock, 'imu', sender, sample.time, arrival)
+        if not self._order.takes(sample.time, stamp):
+            return None
         if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
             self.lost += sample.sequence - self._expected
         self._expected = sample.sequence + 1
@@ -243,20 +268,14 @@ class ImuStream:
 class GimbalStream:
     """Decodes measured orientations of the gimbal."""
 
-    RESTART = 1.0    # s, step of the stamps back that is a restart
-
     def __init__(self, clock: CommonClock) -> None:
-        self._clock = clock
-        self._newest = -math.inf
+        self._clock, self._order = clock, InOrder()
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float] | None:
         """The orientation in one datagram and its time (s, ROS time); None for one that comes again or out of order."""
         sample = decode_gimbal(datagram)
         stamp = _date(self._clock, 'gimbal', sender, sample.time, arrival)
-        if self._newest - self.RESTART < stamp <= self._newest:
-            return None
-        self._newest = stamp
-        return sample, stamp
+        return (sample, stamp) if self._order.takes(sample.time, stamp) else None
 
 
 class TimeSyncStream:
