@@ -92,7 +92,7 @@ class BridgeStage:
         self._audio = AudioStream(layout, self._ring, self._clock)
         self._most_pixels = 2 * max(each.width * each.height for each in rig.cameras.values())
         most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
-        self._images = {camera: ImageStream(self._clock, stamps, camera, most_bytes) for camera in rig.cameras}
+        self._images = {camera: ImageStream(self._clock, stamps, f'image {camera}', most_bytes) for camera in rig.cameras}
         self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
         self.target_topics = settings.target_topics
         names = {RIG: 'rig_truth'} | {

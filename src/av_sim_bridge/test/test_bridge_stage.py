@@ -129,6 +129,23 @@ def test_each_of_two_cameras_has_topics_and_a_frame_of_its_own(rng):
     assert (image.encoding, image.header.frame_id) == ('mono8', 'thermal_optical_frame')
 
 
+@pytest.mark.parametrize('streams', [('camera', 'depth'), ('camera', 'second_camera'), ('camera', 'second_camera', 'depth')])
+def test_all_images_together_have_one_vote_on_the_common_clock(streams):
+    """They come 80 ms late, and the rig's true states at once: stamps are capture times whoever is in the majority."""
+    stage, errors = make_stage('rig_two_cameras'), []
+    events = [(0.01 * number + 0.001, 'truth', 0.01 * number) for number in range(600)]
+    events += [(number / 15 + 0.08, name, number / 15) for name in streams for number in range(80)]
+    for arrival, name, time in sorted(events):
+        if name == 'truth':
+            stage.on_truth(encode_truth(to_truth(VehicleState(time, np.zeros(3)), 1)), EPOCH + arrival, SENDER)
+            continue
+        datagram, = encode_image(EncodedImage(time, b'data'))
+        image = (stage.on_depth(datagram, EPOCH + arrival, SENDER) if name == 'depth' else
+                 stage.on_image(datagram, EPOCH + arrival, SENDER, name))
+        errors.append(image.stamp - EPOCH - time)
+    assert len(errors) == 80 * len(streams) and max(map(abs, errors)) < 0.01
+
+
 def test_depth_carries_the_stamp_of_its_image():
     """Also when it comes much later, and from another thread's port."""
     stage, depth = make_stage(), np.full((48, 64), 65_535, np.uint16)
