@@ -23,8 +23,8 @@ def test_addresses_networks_and_ports(entries, sender, accepted):
     assert (sender in AllowedSenders(entries)) == accepted
 
 
-@pytest.mark.parametrize('entry', ['simulator', '192.168.1', '192.168.1.20/24', '1.2.3.4:0', '1.2.3.4:70000', '1.2.3.4:x',
-                                   '::1', '300.1.1.1', '10.0.0.0/33', '9' * 400])
+@pytest.mark.parametrize('entry', ['simulator', '192.168.1', '192.168.1.20/24', '1.2.3.4:', '1.2.3.4:0', '1.2.3.4:70000',
+                                   '1.2.3.4:x', '::1', '300.1.1.1', '10.0.0.0/33', '9' * 400])
 def test_what_is_no_sender_is_named(entry):
     with pytest.raises(ValueError, match='allowed_senders has .*expected an IPv4 address or network'):
         AllowedSenders(['127.0.0.1', entry])

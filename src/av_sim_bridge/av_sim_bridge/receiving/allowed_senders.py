@@ -175,9 +175,9 @@ def resolve(parameter: str, host: str) -> str:
 
 def _network(entry: str) -> tuple[ipaddress.IPv4Network, int | None]:
     """Network and port of an entry, None for all ports. Raises ValueError."""
-    network, _, port = entry.partition(':')
+    network, colon, port = entry.partition(':')
     try:
-        if port and not (port.isdecimal() and 0 < int(port) < 65_536):
+        if colon and not (port.isdecimal() and 0 < int(port) < 65_536):
             raise ValueError(f'{port!r} is no port')
         return ipaddress.IPv4Network(network), int(port) if port else None
     except ValueError as error:
