@@ -110,9 +110,9 @@ class CommonClock:
             stream.begin(sender)
         before = stream.clock.restarts
         time = stream.clock.date(stamp, arrival)
+        stream.restarts += stream.clock.restarts - before
         if time is None:
             return None
-        stream.restarts += stream.clock.restarts - before
         stream.accepted = now
         self._compare(now)
         if not -DELAY_S <= stream.clock.offset - self._offset <= LATEST_S:
