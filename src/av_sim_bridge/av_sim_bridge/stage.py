@@ -225,7 +225,7 @@ class BridgeStage:
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
-        audio, assemblers = self._audio.decoder.counts, [each.assembler for each in self._images.values()]
+        audio, assemblers = self._audio.decoder.counts, [each.assembler for each in (*self._images.values(), self._depths)]
         clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
                   for what, count in (('undated', counts.refused), ('clock restarts', counts.restarts))}
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,

@@ -68,8 +68,8 @@ def rig():
     while not bridge.pairs():
         assert time.time() < bridge.end + PATIENCE, 'no image with its depth'
         instant = time.time() - started
-        for port, layer in ((ports.image, image), (ports.depth, depth), (ports.depth, image)):
-            encoded = EncodedImage(instant, cv2.imencode('.png', layer)[1].tobytes())
+        for port, layer, later in ((ports.image, image, 0.0), (ports.depth, depth, 0.0), (ports.depth, image, 1e-3)):
+            encoded = EncodedImage(instant + later, cv2.imencode('.png', layer)[1].tobytes())
             source.sendto(encode_image(encoded)[0], ('127.0.0.1', port))
         bridge.spin(0.5)
     source.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1'))
@@ -134,6 +134,8 @@ def test_depth_carries_the_stamp_of_its_image(rig):
     assert depth.encoding == '16UC1' and depth.step == 128
     values = np.frombuffer(depth.data, np.uint16).reshape(48, 64)
     assert values[10, 20] == 1234 and np.count_nonzero(values) == 1
+    rig.spin_until(lambda: int(rig.values()['image undecodable']) > 0, 'a count of what is no depth')
+    assert 'depth: uint8 in 3 dimensions, expected a PNG of 16 bit' in rig.values()['depth decoding error']
 
 
 def test_garbage_is_counted_and_the_node_lives(rig):

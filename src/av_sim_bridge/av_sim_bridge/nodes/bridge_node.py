@@ -90,14 +90,13 @@ class BridgeNode(RigNode):
         stage = self._stage
         truth = self._publishing(stage.on_truth)
         handlers: dict[str, Handler] = {'audio': stage.on_audio}
-        self._images: dict[str, Consumer[StampedImage]] = {}
+        self._images: dict[str, Consumer[StampedImage]] = {}    # by camera, and of depth
         for camera, stream in zip(stage.rig.cameras, ('image', 'second_image'), strict=False):
             decode = partial(stage.decode_image, camera=camera)
             self._images[camera] = self._consumer(opened, f'decode images of {camera}', decode)
             handlers[stream] = partial(self._on_image, camera)
-        depths = self._consumer(opened, 'decode depth', stage.decode_depth)
-        handlers['depth'] = lambda *datagram: _put(depths, stage.on_depth(*datagram))
-        handlers |= {'rig_truth': truth, 'target_truth': truth, 'imu': self._publishing(stage.on_imu)}
+        self._images['depth'] = self._consumer(opened, 'decode depth', stage.decode_depth)
+        handlers |= {'depth': self._on_depth, 'rig_truth': truth, 'target_truth': truth, 'imu': self._publishing(stage.on_imu)}
         if stage.rig.gimbal is not None:
             handlers['gimbal'] = self._publishing(stage.on_gimbal)
         ports = vars(self._ports)
@@ -136,6 +135,11 @@ class BridgeNode(RigNode):
             self._images[camera].put(result)
         elif result is not None:
             self._publish([(camera_topic(camera, 'detections'), result)])
+
+    def _on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> None:
+        stamped = self._stage.on_depth(datagram, arrival, sender)
+        if stamped is not None:
+            self._images['depth'].put(stamped)
 
     def _on_command(self, command: PointingCommand) -> None:
         self._send_control(self._stage.on_command(command, Instant(time.monotonic(), self.now())))
@@ -177,6 +181,9 @@ class BridgeNode(RigNode):
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():
             status.add(name, str(value))
+        for name, consumer in self._images.items():
+            if consumer.last_error:
+                status.add(f'{name} decoding error', consumer.last_error)
 
     def _report_foreign(self, status: DiagnosticStatusWrapper) -> None:
         """An error for each stream to which another than its sender has sent since the last report."""
@@ -194,11 +201,6 @@ class BridgeNode(RigNode):
         self._refused_before = refused
         status.add('refused datagrams', str(refused))
         status.add('refused senders', ', '.join(f'{sender}: {count}' for sender, count in newest.items()))
-
-
-def _put(consumer: Consumer[StampedImage], stamped: StampedImage | None) -> None:
-    if stamped is not None:
-        consumer.put(stamped)
 
 
 def main() -> None:
