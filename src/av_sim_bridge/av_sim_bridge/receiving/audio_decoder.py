@@ -69,9 +69,17 @@ class AudioDecoder:
         if not datagram:
             raise WireError('audio: empty datagram')
         header = decode_header(self.layout, datagram)
-        kind = _BareStream if header is None else _NumberedStream
-        stream = self._stream if isinstance(self._stream, kind) else self._change(kind, arrival)
-        return stream.decode(header, datagram, arrival, time)
+        if header is not None:
+            if not isinstance(self._stream, _NumberedStream):
+                self.restart()
+                self._stream = _NumberedStream(self.layout, self.counts, self._first_sample)
+            return self._stream.decode(header, datagram, arrival, time)
+        if not isinstance(self._stream, _BareStream):
+            if self._stream is not None and self._stream.alive(arrival):
+                raise WireError('audio: header missing in a stream that has one')
+            self.restart()
+            self._stream = _BareStream(self.layout, self.counts, self._first_sample, self._lateness)
+        return self._stream.decode(datagram, arrival)
 
     def restart(self) -> None:
         """End the stream. The next datagram starts a new stream that continues the numbers of the samples."""
@@ -79,13 +87,6 @@ class AudioDecoder:
             self._first_sample = self._stream.next_sample
             self._stream = None
             self.counts.restarts += 1
-
-    def _change(self, kind: type[_NumberedStream | _BareStream], arrival: float) -> _NumberedStream | _BareStream:
-        if kind is _BareStream and isinstance(self._stream, _NumberedStream) and self._stream.alive(arrival):
-            raise WireError('audio: header missing in a stream that has one')
-        self.restart()
-        self._stream = kind(self.layout, self.counts, self._first_sample, self._lateness)
-        return self._stream
 
 
 class _NumberedStream:
@@ -96,7 +97,7 @@ class _NumberedStream:
     RESTART = 64       # a backward step of the sequence number by this or more starts a new stream
     MOST_LOST = 1000   # as does a larger forward step, and one back to 0 by more than PATIENCE
 
-    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
         self._expected = -1    # sequence number of the next datagram, -1 before the first
         self._early: dict[int, AudioBlock] = {}
@@ -105,10 +106,7 @@ class _NumberedStream:
     def alive(self, arrival: float) -> bool:
         return arrival - self._last_arrival < self.SILENCE
 
-    def decode(self, header: AudioHeader | None, datagram: bytes, arrival: float,
-               time: float | None = None) -> list[AudioBlock]:
-        if header is None:
-            raise WireError('audio: header missing in a stream that has one')
+    def decode(self, header: AudioHeader, datagram: bytes, arrival: float, time: float | None) -> list[AudioBlock]:
         samples = self.layout.decode(payload_of(datagram))
         self._last_arrival = arrival
         if self._expected < 0:
@@ -176,8 +174,7 @@ class _BareStream:
     def next_sample(self) -> int:
         return self._position // self.layout.frame_bytes
 
-    def decode(self, _header: AudioHeader | None, datagram: bytes, arrival: float,
-               _time: float | None = None) -> list[AudioBlock]:
+    def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
         self._length += (len(datagram) - self._length) / min(self._taken + 1, 32)
         half = self._length / self._rate / 2
         lag = self._lag(datagram, arrival, half)
