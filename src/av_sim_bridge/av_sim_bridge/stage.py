@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
-import numpy as np
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2DArray
 
@@ -145,7 +144,7 @@ class BridgeStage:
         header = messages.make_header(stamped.stamp, mount.optical_frame)
         height, width = pixels.shape[:2]
         calibration = camera_info_message(header, mount.model.scaled(width, height))
-        image = image_message(header, pixels, 'mono16' if pixels.dtype == np.uint16 else '')
+        image = messages.camera_image_message(header, pixels)
         return [(f'{camera}/image_raw', image), (f'{camera}/camera_info', calibration)]
 
     def decode_depth(self, stamped: StampedImage) -> list[Output]:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import soundfile
 
+from av_common.rig import load_rig
 from av_simulator.cli import simulate, simulator
 from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import open_world, steps
 from av_simulator.scenario import RigMotion, load_scenario
 from av_simulator.trajectories import Circle
+from av_simulator.world import World
 
 
 def turning_world(description='rig', seed=None):
@@ -71,6 +73,23 @@ def test_files_are_complete(tmp_path):
     assert float(truth[-1]['time']) == 1.0
     assert float(truth[-1]['rig_yaw']) == pytest.approx(np.deg2rad(30.0), abs=1e-5)
     assert len(list((tmp_path / 'frames').glob('*_rgb.png'))) == 10
+
+
+@pytest.mark.parametrize('palette', ['white_hot', 'raw'])
+def test_a_thermal_camera_has_a_video_and_pictures_of_its_counts(tmp_path, palette):
+    rig = load_rig(find_config('rig_thermal'))
+    rig = dataclasses.replace(rig, camera=dataclasses.replace(rig.camera, palette=palette))
+    world = World(load_scenario(find_config('circle', 'scenarios')), rig)
+    recorder = FileRecorder(tmp_path, world, image_rate=10.0, everything=True)
+    pictures = []
+    for step in steps(world, 0.4, 10.0, renderer='scene'):
+        recorder.write(step)
+        pictures += [image.bgr for _, image in step.images]
+    recorder.close()
+    assert cv2.VideoCapture(str(tmp_path / 'video.mp4')).get(cv2.CAP_PROP_FRAME_COUNT) == 4
+    read = cv2.imread(str(tmp_path / 'frames' / '000001_rgb.png'), cv2.IMREAD_UNCHANGED)
+    assert read.dtype == pictures[0].dtype == (np.uint16 if palette == 'raw' else np.uint8)
+    np.testing.assert_array_equal(read, pictures[0])
 
 
 def test_the_sound_in_the_file_comes_from_where_the_truth_says():

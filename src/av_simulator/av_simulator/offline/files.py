@@ -14,6 +14,7 @@ from av_simulator.rendering.camera_effects import COUNTS_PER_K
 from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
+from av_vision.image import to_bgr8
 
 _RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
 _TARGET = ['x', 'y', 'z', 'vx', 'vy', 'vz', 'azimuth', 'elevation', 'distance']
@@ -62,7 +63,7 @@ class FileRecorder:
             self._truth.writerow(_rounded(_truth_row(sample)))
         for view, image in step.images:
             if self._video is not None:
-                self._video.write(image.bgr)
+                self._video.write(to_bgr8(image.bgr))
             self._boxes.writerows(_box_rows(view, image))
             if self._everything:
                 self._write_frames(view, image)
@@ -82,7 +83,7 @@ class FileRecorder:
             layers['thermal'] = (image.thermal + zero_Celsius) * COUNTS_PER_K
         for name, layer in layers.items():
             if layer is not None:
-                kind = np.uint8 if name in ('rgb', 'segmentation') else np.uint16
+                kind = image.bgr.dtype if name == 'rgb' else np.uint8 if name == 'segmentation' else np.uint16
                 file = self._folder / 'frames' / f'{view.index:06d}_{name}.png'
                 cv2.imwrite(str(file), np.clip(layer, 0, np.iinfo(kind).max).astype(kind))
 
