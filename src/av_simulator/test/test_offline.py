@@ -119,12 +119,13 @@ def test_errors_are_named(tmp_path, capsys, monkeypatch, arguments, message):
 
 @pytest.mark.parametrize(('program', 'arguments'), [
     (simulate, '--duration -1'), (simulate, '--image-rate -3'), (simulate, '--seed 1.5'), (simulator, '--image-rate -1'),
-    (simulator, '--image-rate none'), (simulator, '--port-offset 60000')])
+    (simulator, '--image-rate none'), (simulator, '--port-offset 60000'),
+    (simulator, '--begin nan'), (simulator, '--begin inf'), (simulator, '--at nan 0 1 90')])
 def test_impossible_arguments_are_named_with_their_value(program, arguments, capsys):
-    option, value = arguments.split()
+    option, *values = arguments.split()
     with pytest.raises(SystemExit, match='2'):
-        program.parse(['circle', '--out', 'x', option, value] if program is simulate else ['circle', option, value])
-    assert f"argument {option}: '{value}', expected a" in capsys.readouterr().err
+        program.parse(['circle', *(['--out', 'x'] if program is simulate else []), option, *values])
+    assert f"argument {option}: '{values[0]}', expected a" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('rig', ['rig', 'rig_gimbal'])

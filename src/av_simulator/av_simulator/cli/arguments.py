@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from av_common.arguments import checked
 from av_sim_bridge.wire.ports import Ports
+
+
+def finite(text: str) -> float:
+    """A finite number."""
+    return checked(text, math.isfinite, 'a finite number')
 
 
 def port_offset(text: str) -> int:

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from av_common.arguments import not_negative, positive, whole
 from av_common.launched import report_started
 from av_sim_bridge.wire.ports import Ports
-from av_simulator.cli.arguments import port_offset
+from av_simulator.cli.arguments import finite, port_offset
 from av_simulator.config_files import find_config
 from av_simulator.run import open_world
 from av_simulator.scenario import load_scenario
@@ -41,9 +41,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--depth', action='store_true', help='also send depth images, as the next image sensor')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
                         help='scene: 3D scene; flat: flat shapes, cheaper; auto: scene if OpenGL is available')
-    parser.add_argument('--begin', type=float, help='Unix time of the start, so that several rigs share one world; one in the '
-                        'past is joined at the present')
-    parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
+    parser.add_argument('--begin', type=not_negative, help='Unix time of the start, so that several rigs share one world; one '
+                        'in the past is joined at the present')
+    parser.add_argument('--at', type=finite, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
                         help="position (m) and yaw of this rig, instead of the scenario's")
     # A launch file that runs this program as a node adds --ros-args, which is ignored.
     return parser.parse_args(_without_ros_arguments(sys.argv[1:] if arguments is None else arguments))
