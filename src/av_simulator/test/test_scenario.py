@@ -59,6 +59,7 @@ BROKEN = [
     ({'ground': {}, 'room': {'minimum': [0, 0, 0], 'maximum': [1, 1, 1]}}, r'ground and room'),
     ({'obstacles': [{'kind': 'box', 'center': [0, 0, 0], 'size': [1, 1, 0]}]}, r'obstacles\[0\]: .*three positive'),
     ({'noise': {'wind': {'velocity': [0, 0, 0]}}}, r'noise.wind: .*speed above 0'),
+    ({'noise': {'self_noise_db_spl': None, 'snr': {'ratio_db': 3.0}}}, r'noise: snr is given without noise'),
     ({'scene': {'kind': 'moon'}}, r"scene.kind: 'moon', one of woodland, field, indoors, urban"),
     ({'weather': {'smoke': [{'position': [0, 0, 1], 'density': -1}]}}, r'weather.smoke\[0\].density: -1.0 is below 0'),
     ({'weather': {'temperature_c': 300}}, r'weather.temperature_c: 300.0 is beyond 55'),

@@ -94,6 +94,12 @@ def test_ego_rotors_keep_their_delay_and_level_to_each_microphone():
     assert np.argmax(curve[:RATE * 2]) / (16 * RATE) == pytest.approx(1.0 / C, abs=1.0 / (16 * RATE))
 
 
+def test_a_source_without_sound_in_the_band_of_the_ratio_is_named():
+    tone = Source(lambda t: np.tile([5.0, 0.0, 0.0], (len(t), 1)), RotorSignal())
+    with pytest.raises(ValueError, match='source is 0, which is silent from 9000 to 9500 Hz in its first seconds'):
+        hear(Noise(snr=Snr(10.0, band_hz=(9000.0, 9500.0))), 0.1, sources=[tone])    # beyond half the sample rate
+
+
 def test_ego_rotors_without_their_geometry_are_named():
     with pytest.raises(ValueError, match=r'ego rotors have shape \(1, 3\), expected \(4, 3\)'):
         EgoRotors(RotorSignal(), [[0.0, 0.0, 0.0]], PAIR)

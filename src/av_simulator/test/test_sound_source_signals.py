@@ -73,6 +73,14 @@ def test_a_recording_is_repeated(tmp_path):
     np.testing.assert_array_equal(seconds[0], seconds[1])
 
 
+@pytest.mark.parametrize('sample', [0.0, np.nan, np.inf])
+def test_a_recording_without_a_level_is_named(tmp_path, sample):
+    file = tmp_path / 'nothing.wav'
+    soundfile.write(file, np.append(np.full(4799, 0.5 * bool(sample)), sample), RATE, 'FLOAT')
+    with pytest.raises(ValueError, match=r'nothing.wav. is silent, or has samples that are not finite'):
+        RecordedSignal(file).stream(RATE, [0], nowhere)
+
+
 def test_missing_or_unreadable_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match='nothing.wav'):
         RecordedSignal(tmp_path / 'nothing.wav')

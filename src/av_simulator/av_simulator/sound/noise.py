@@ -93,6 +93,11 @@ class Noise:
     ego_rotors: EgoRotors | None = None
     snr: Snr | None = None
 
+    def __post_init__(self) -> None:
+        kinds = (self.self_noise_db_spl, self.wind, self.urban_db_spl, self.diffuse_db_spl, self.ego_rotors)
+        if self.snr is not None and all(kind is None for kind in kinds):
+            raise ValueError('snr is given without noise, expected a level of one kind of noise at least')
+
     def steady(self) -> Noise:
         """Noise of the same mean levels without variation over time, for measurements of the level."""
         return replace(self, urban_swing_db=0.0, wind=None if self.wind is None else replace(self.wind, gusts=0.0))

@@ -97,8 +97,8 @@ class RecordedSignal:
         ratio = Fraction(sample_rate / rate).limit_denominator(1000)
         samples = resample_poly(mono, ratio.numerator, ratio.denominator)
         rms = np.sqrt(np.mean(samples**2))
-        if len(samples) == 0 or rms == 0.0:
-            raise ValueError(f'recording: {str(self.file)!r} is empty or silent')
+        if not 0.0 < rms < np.inf:
+            raise ValueError(f'recording: {str(self.file)!r} is silent, or has samples that are not finite')
         return samples * spl_to_pascal(self.level_db_spl) / rms
 
 
