@@ -249,6 +249,7 @@ class Simulator:
         if lag > self.LATE:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
+            self._start_ms += round(1e3 * lag)
                 log.warning('%.0f ms behind real time at %.1f s', 1e3 * lag, moment)
         if lag > self.MOST_LATE:
             self._start += lag

@@ -37,6 +37,7 @@ from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.image import decode_fragment
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
+from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth
 from av_simulator.config_files import find_config
 from av_simulator.rendering import render_process
@@ -275,6 +276,41 @@ def test_a_camera_process_that_stands_still_ends_the_simulator(monkeypatch):
         simulator.run(20.0)
     simulator.close()
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize('waiting', [0, 1, 2])
+def test_a_camera_process_that_is_killed_is_named(waiting):
+    """Whether it waits for a view, renders one, or has another one waiting."""
+    world = World(SCENARIO, load_rig(find_config('rig')))
+    camera = render_process.RenderProcess(world.renderer_factory(), 'flat', world.view(0, 0.0))
+    camera.open(lambda: True)
+    process, = multiprocessing.active_children()
+    os.kill(process.pid, signal.SIGSTOP)
+    for number in range(waiting):
+        assert camera.request(world.view(number, 0.0))
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    with pytest.raises(RuntimeError, match='camera: its process ended with exit code -9'):
+        _ = camera.ready(10.0) if waiting else camera.request(world.view(0, 0.0))
+    assert camera.close() == []
+
+
+def test_unix_time_is_told_after_the_schedule_was_shifted():
+    """On a machine that stood still for 1.6 s: what is sent as the time of sending, and as that of the clock's zero."""
+    clock, synced, options = SleptTime(), [], WireOptions(ports=free_ports(), image_rate=0.0)
+
+    def send(datagram, address):
+        if address[1] == options.ports.time_sync:
+            synced.append((clock.time(), decode_time_sync(datagram)))
+        if address[1] == options.ports.audio and 1.5 < clock.slept < 1.55:
+            clock.slept += 1.6
+
+    simulator = Simulator(World(SCENARIO, load_rig(find_config('rig'))), options, clock, send)
+    simulator.run(4.0)
+    simulator.close()
+    assert simulator.counts.resynchronised == 1 and len(synced) == 4
+    assert max(abs(now - 1e-3 * sync.now_ms) for now, sync in synced) < 0.01
+    assert [sync.now_ms - sync.start_ms for _, sync in synced] == [1000, 2000, 3000, 4000]
 
 
 @pytest.mark.parametrize('begin', [None, 1_700_000_003.0])

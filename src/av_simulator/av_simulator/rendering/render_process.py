@@ -134,14 +134,20 @@ class RenderProcess:
         return self._waiting > 0
 
     def request(self, view: View) -> bool:
-        """Request a frame; False if MOST_WAITING frames are outstanding. Raises TimeoutError once none came for HUNG."""
+        """Request a frame; False if MOST_WAITING frames are outstanding.
+
+        Raises RuntimeError if the process has ended, and TimeoutError once none came for HUNG.
+        """
         if self._waiting >= MOST_WAITING:
             if time.monotonic() - self._progress > HUNG:
                 raise TimeoutError(f'camera: no image within {HUNG:.0f} s')
             return False
         if not self._waiting:
             self._progress = time.monotonic()
-        self._connection.send(view)
+        try:
+            self._connection.send(view)
+        except OSError:
+            raise self._ended() from None
         self._waiting += 1
         return True
 
@@ -173,14 +179,18 @@ class RenderProcess:
         """The next result of the process; the first one, of the warm-up, is None."""
         try:
             result = self._connection.recv()
-        except EOFError:
-            self._waiting = 0
-            self._process.join()
-            raise RuntimeError(f'camera: its process ended with exit code {self._process.exitcode}') from None
+        except (EOFError, OSError):
+            raise self._ended() from None
         if isinstance(result, Exception):
             self._waiting = 0
             raise result
         return result
+    def _ended(self) -> RuntimeError:
+        """The error to raise when the connection broke off."""
+        self._waiting = 0
+        self._process.join()
+        return RuntimeError(f'camera: its process ended with exit code {self._process.exitcode}')
+
 
 
 def _work(connection: Connection, factory: RendererFactory, kind: str, first: View, depth: bool) -> None:
