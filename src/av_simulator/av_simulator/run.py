@@ -25,6 +25,7 @@ from av_simulator.scenario import Scenario, load_scenario
 from av_simulator.world import World
 
 BLOCKS_PER_SECOND = 30  # as RFlySim sends sound
+TRUTH_RATE = 100  # Hz, of true states, inertial measurements and orientations of the gimbal
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def open_world(scenario: str | Path | Scenario, rig: str | Path = '', seed: int 
     return World(scenario, load_rig(find_config(str(rig or scenario.rig.description))), seed)
 
 
-def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = 100.0,
+def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = TRUTH_RATE,
           everything: bool = False, renderer: str = 'auto') -> Iterator[Step]:
     """Simulate a world in steps of 1/30 s.
 

@@ -28,7 +28,7 @@ from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.rendering.view import FIRST_TARGET_ID
-from av_simulator.run import BLOCKS_PER_SECOND, times
+from av_simulator.run import BLOCKS_PER_SECOND, TRUTH_RATE, times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket
 from av_simulator.world import World
 
@@ -63,7 +63,6 @@ class WireOptions:
             them from the port of the rig's true state.
         audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
         image_rate (Hz): rate of images, 0 for none.
-        truth_rate (Hz): rate of true states, inertial measurements and orientations of the gimbal.
         depth: whether the depth of every image is sent to the next port.
         renderer: kind of renderer, see `RendererFactory.make`.
     """
@@ -74,7 +73,6 @@ class WireOptions:
     allowed_senders: tuple[str, ...] = ()
     audio_header: bool = False
     image_rate: float = 15.0
-    truth_rate: int = 100
     depth: bool = False
     renderer: str = 'auto'
 
@@ -219,12 +217,11 @@ class Simulator:
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """Times in (begin, end] and the functions to call at them, in order."""
-        options = self.options
-        moments = times(begin, end, options.truth_rate)
+        moments = times(begin, end, TRUTH_RATE)
         targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
         events: list[tuple[float, Callable[[float], None]]] = [
             (moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
-        events += [(moment, self._request_image) for moment in times(begin, end, options.image_rate)]
+        events += [(moment, self._request_image) for moment in times(begin, end, self.options.image_rate)]
         events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
 
@@ -249,10 +246,10 @@ class Simulator:
         if lag > self.LATE:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
-            self._start_ms += round(1e3 * lag)
                 log.warning('%.0f ms behind real time at %.1f s', 1e3 * lag, moment)
         if lag > self.MOST_LATE:
             self._start += lag
+            self._start_ms += round(1e3 * lag)
             self.counts.resynchronised += 1
             if self.counts.resynchronised in (1, 10, 100, 1000):
                 log.warning('%.1f s behind real time: schedule shifted %d times so far', lag, self.counts.resynchronised)
@@ -298,7 +295,7 @@ class Simulator:
         ports = self.options.ports
         rig = self.world.rig_state(moment)
         self._send(encode_truth(to_truth(rig, RIG_ID)), ports.rig_truth)
-        number = round(moment * self.options.truth_rate)
+        number = round(moment * TRUTH_RATE)
         self._send(encode_imu(to_imu(rig, number)), ports.imu)
         gimbal = self.world.gimbal_sample(number, moment)
         if gimbal is not None:

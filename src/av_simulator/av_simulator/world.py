@@ -72,9 +72,9 @@ class World:
                      tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
                      self.scenario.weather.temperature_c, seen_by.palette if seen_by.kind == 'thermal' else '')
 
-    def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
+    def renderer(self, kind: str = 'auto', everything: bool = False) -> Renderer:
         """A renderer for this world's views, which only the calling thread may use; see `RendererFactory.make`."""
-        return self.renderer_factory().make(kind, samples, everything)
+        return self.renderer_factory().make(kind, everything)
 
     def solids(self) -> list[Solid]:
         """All solids of the scene that can occlude a drone."""

@@ -33,7 +33,7 @@ def rotor_joint(number: int, rotor: int) -> str:
 
 
 def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tuple[float, int]], size: tuple[int, int],
-          fovy_deg: float, samples: int, seed: int) -> tuple[str, dict[str, bytes]]:
+          fovy_deg: float, seed: int) -> tuple[str, dict[str, bytes]]:
     """XML and assets of the model of a scene. Raises ValueError for more than MOST_DRONES drones.
 
     Parameters:
@@ -43,13 +43,12 @@ def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tupl
         drones: size (m) and number of rotors of each drone.
         size (px): width and height of the images.
         fovy_deg (deg): vertical field of view.
-        samples: samples per pixel for antialiasing, 0 for none.
         seed: seed of the textures.
     """
     if len(drones) > MOST_DRONES:
         raise ValueError(f'targets: {len(drones)} drones, expected at most {MOST_DRONES} for rendering')
     root = ET.Element('mujoco')
-    _settings(root, size, fovy_deg, samples, sky)
+    _settings(root, size, fovy_deg, sky)
     asset, world = _add(root, 'asset'), _add(root, 'worldbody')
     images = _surfaces(asset, sky, np.random.default_rng([seed, 12]))
     _add(world, 'light', pos='0 0 100', dir='0.35 0.2 -0.9', directional='true', castshadow='false',
@@ -71,11 +70,11 @@ def _text(values: ArrayLike) -> str:
     return ' '.join(f'{value:.6g}' for value in np.ravel(values))
 
 
-def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples: int, sky: bool) -> None:
+def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, sky: bool) -> None:
     _add(root, 'compiler', angle='radian')
     visual = _add(root, 'visual')
     _add(visual, 'global', offwidth=str(size[0]), offheight=str(size[1]), fovy=str(fovy_deg))
-    _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='10', numstacks='7', numquads='1')
+    _add(visual, 'quality', shadowsize='0', offsamples='0', numslices='10', numstacks='7', numquads='1')
     lamps = '0 0 0' if sky else '0.5 0.5 0.48'    # diffuse light indoors
     _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse=lamps, specular='0 0 0')
     _add(visual, 'map', znear='0.001', zfar='50')

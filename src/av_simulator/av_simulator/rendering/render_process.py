@@ -54,14 +54,13 @@ class RendererFactory:
     air_c: float
     palette: str = ''
 
-    def make(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
+    def make(self, kind: str = 'auto', everything: bool = False) -> Renderer:
         """A new renderer, which only the calling thread may use.
 
         Raises ValueError for an unknown kind, RuntimeError if `scene` does not work on this machine.
 
         Parameters:
             kind: `scene` (3D, MuJoCo), `flat` (OpenCV, without OpenGL), or `auto` (`scene` if it works, else `flat`).
-            samples: samples per pixel for antialiasing, 0 for none.
             everything: whether segmentation and temperatures are rendered for every view.
         """
         if kind not in RENDERERS:
@@ -69,7 +68,7 @@ class RendererFactory:
         if kind != 'flat':
             try:
                 return SceneRenderer(self.camera, self.scene, list(self.drones), self.seed, list(self.obstacles),
-                                     self.air_c, samples, everything, self.palette)
+                                     self.air_c, everything, self.palette)
             except RuntimeError as error:
                 if kind == 'scene':
                     raise
@@ -185,12 +184,12 @@ class RenderProcess:
             self._waiting = 0
             raise result
         return result
+
     def _ended(self) -> RuntimeError:
         """The error to raise when the connection broke off."""
         self._waiting = 0
         self._process.join()
         return RuntimeError(f'camera: its process ended with exit code {self._process.exitcode}')
-
 
 
 def _work(connection: Connection, factory: RendererFactory, kind: str, first: View, depth: bool) -> None:

@@ -53,21 +53,19 @@ class SceneRenderer:
         seed: seed of all random properties of the scene.
         obstacles: solids in addition to those of the scene.
         air_c (deg C): temperature of the air, for thermal images.
-        samples: samples per pixel for antialiasing, 0 for none.
         everything: whether segmentation and temperatures are rendered for every view.
         palette: of a thermal camera, see `ThermalCamera`; empty for a visible one.
     """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
-                 obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False,
-                 palette: str = ''):
+                 obstacles: list[Solid] | None = None, air_c: float = 15.0, everything: bool = False, palette: str = ''):
         self._mujoco = _import_mujoco()
         self._camera, self._everything, self._air_c = camera, everything, air_c
         self._thermal_camera = ThermalCamera(camera.width, camera.height, palette, seed) if palette else None
         self._effects = CameraEffects(camera.width, camera.height, seed)
         self._lens = _Lens(camera)
         solids = [*scene.solids(np.random.default_rng([seed, 11])), *(obstacles or [])]
-        xml, assets = build(solids, scene.ground, scene.sky, drones, self._lens.size, self._lens.fovy_deg, samples, seed)
+        xml, assets = build(solids, scene.ground, scene.sky, drones, self._lens.size, self._lens.fovy_deg, seed)
         mujoco = self._mujoco
         self._model = mujoco.MjModel.from_xml_string(xml, assets)
         self._data = mujoco.MjData(self._model)
