@@ -246,5 +246,5 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
         raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
     rig = load_rig(parameters.rig_file)
     layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels)
-    return BridgeStage(rig, layout, BridgeSettings(**{
-        name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__ if hasattr(parameters, name)}))
+    return BridgeStage(rig, layout, BridgeSettings(
+        parameters.targets, parameters.follow_odometry, parameters.oracle_detections))
