@@ -21,7 +21,7 @@ from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
-from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, Trunk, load_profile
+from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, load_profile
 from av_simulator.sound.obstacles import Obstacle
 from av_simulator.sound.rotor import rotor_speed
 from av_simulator.sound.stream import spl_to_pascal
@@ -231,8 +231,6 @@ def _seen(obstacle: Obstacle) -> Solid:
         colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
         return Solid('box', _vector(obstacle.center), _vector([length / 2 for length in obstacle.size]), colour,
                      np.deg2rad(obstacle.yaw_deg))
-    if not isinstance(obstacle, Trunk):
-        raise TypeError(f'obstacle: {obstacle!r}, expected a Box or a Trunk')
     half = (obstacle.top - obstacle.bottom) / 2
     return Solid('cylinder', _vector([*obstacle.center, obstacle.bottom + half]), (obstacle.radius, obstacle.radius, half),
                  (0.42, 0.36, 0.30))

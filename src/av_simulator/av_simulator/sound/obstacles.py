@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,45 +35,8 @@ def reflection_factor(absorption: Absorption, frequency_hz: NDArray) -> NDArray:
     return np.sqrt(1.0 - np.interp(place, np.log2(BANDS_HZ), values))
 
 
-class Obstacle(ABC):
-    """An upright prism in ENU, with a convex footprint, a bottom and a top. Its faces may reflect sound."""
-
-    @property
-    @abstractmethod
-    def footprint(self) -> NDArray:
-        """Corners (m, (n, 2)) in ENU, counter-clockwise."""
-
-    @property
-    @abstractmethod
-    def bottom(self) -> float:
-        """Height of the lower end (m, z in ENU)."""
-
-    @property
-    @abstractmethod
-    def top(self) -> float:
-        """Height of the upper end (m, z in ENU)."""
-
-    @property
-    @abstractmethod
-    def absorption(self) -> Absorption:
-        """Absorption coefficients of the faces."""
-
-    @property
-    @abstractmethod
-    def reflects(self) -> bool:
-        """Whether the faces reflect sound."""
-
-    def faces(self) -> Iterator[Face]:
-        """The vertical faces and the top."""
-        for here, there in zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True):
-            edge = (there - here) / np.hypot(*(there - here))
-            normal = np.array([edge[1], -edge[0], 0.0])
-            yield Face(normal, float(normal[:2] @ here), self)
-        yield Face(np.array([0.0, 0.0, 1.0]), self.top, self)
-
-
 @dataclass(frozen=True, eq=False)
-class Box(Obstacle):
+class Box:
     """A box, such as a wall or a whiteboard.
 
     Parameters:
@@ -99,7 +61,7 @@ class Box(Obstacle):
 
     @cached_property
     def footprint(self) -> NDArray:
-        """See Obstacle."""
+        """Corners (m, (n, 2)) in ENU, counter-clockwise, of a convex outline."""
         yaw = np.deg2rad(self.yaw_deg)
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(self.size[:2], float) / 2.0
@@ -107,17 +69,25 @@ class Box(Obstacle):
 
     @property
     def bottom(self) -> float:
-        """See Obstacle."""
+        """Height of the lower end (m, z in ENU)."""
         return self.center[2] - self.size[2] / 2.0
 
     @property
     def top(self) -> float:
-        """See Obstacle."""
+        """Height of the upper end (m, z in ENU)."""
         return self.center[2] + self.size[2] / 2.0
+
+    def faces(self) -> Iterator[Face]:
+        """The vertical faces and the top."""
+        for here, there in zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True):
+            edge = (there - here) / np.hypot(*(there - here))
+            normal = np.array([edge[1], -edge[0], 0.0])
+            yield Face(normal, float(normal[:2] @ here), self)
+        yield Face(np.array([0.0, 0.0, 1.0]), self.top, self)
 
 
 @dataclass(frozen=True, eq=False)
-class Trunk(Obstacle):
+class Trunk:
     """A tree trunk or a column, as an octagonal prism without reflections.
 
     Parameters:
@@ -131,9 +101,6 @@ class Trunk(Obstacle):
     top: float = 10.0
     bottom: float = 0.0
 
-    absorption = (0.1,)
-    reflects = False
-
     def __post_init__(self) -> None:
         if len(self.center) != 2 or self.radius <= 0.0 or self.top <= self.bottom:
             raise ValueError(f'trunk center is {list(self.center)}, radius {self.radius}, bottom {self.bottom} and top '
@@ -141,27 +108,28 @@ class Trunk(Obstacle):
 
     @cached_property
     def footprint(self) -> NDArray:
-        """See Obstacle."""
+        """Corners (m, (n, 2)) in ENU, counter-clockwise, of a convex outline."""
         angle = np.arange(8) * np.pi / 4.0
         return np.asarray(self.center, float) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 OBSTACLES = {'box': Box, 'trunk': Trunk}  # classes by their names in scenarios
+Obstacle = Box | Trunk
 
 
 @dataclass(frozen=True)
 class Face:
-    """A face of an obstacle.
+    """A face of a box.
 
     Parameters:
         normal ((3,)): outward unit normal.
         offset (m): offset of the plane, normal @ point = offset.
-        obstacle: the obstacle to which the face belongs.
+        box: the box to which the face belongs.
     """
 
     normal: NDArray
     offset: float
-    obstacle: Obstacle
+    box: Box
 
     @property
     def upright(self) -> bool:
@@ -170,10 +138,10 @@ class Face:
 
     def holds(self, point: NDArray) -> bool:
         """Whether a point (m, (3,)) of the plane lies on the face."""
-        here = self.obstacle.footprint
+        here = self.box.footprint
         edge = np.roll(here, -1, axis=0) - here
         inward = edge[:, 0] * (point[1] - here[:, 1]) - edge[:, 1] * (point[0] - here[:, 0])
-        return bool(inward.min() > -1e-6 and self.obstacle.bottom <= point[2] <= self.obstacle.top + 1e-6)
+        return bool(inward.min() > -1e-6 and self.box.bottom <= point[2] <= self.box.top + 1e-6)
 
 
 def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray | None:

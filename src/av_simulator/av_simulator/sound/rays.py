@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_simulator.sound.ground import Ground
-from av_simulator.sound.obstacles import Face, Obstacle, detours, reflection_factor
+from av_simulator.sound.obstacles import Box, Face, Obstacle, detours, reflection_factor
 from av_simulator.sound.surroundings import Room, Surroundings
 
 _MARGIN_M = 1.5  # m, distance from the path beyond which an edge has an effect below 100 Hz only
@@ -97,12 +97,12 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
     if ground is not None:
         rays.append(GroundRay(ground, shade))
     for obstacle in surroundings.obstacles:
-        if obstacle.reflects:
+        if isinstance(obstacle, Box) and obstacle.reflects:
             kept = reflection_factor(obstacle.absorption, frequency_hz)
             for face in obstacle.faces():
-                rays.append(FaceRay(face, kept, shade, obstacle))
+                rays.append(FaceRay(face, kept, shade))
                 if ground is not None and face.upright:
-                    rays.append(FaceRay(face, kept, shade, obstacle, ground))
+                    rays.append(FaceRay(face, kept, shade, ground))
     if surroundings.room is not None:
         rays.extend(_room_rays(surroundings.room, frequency_hz))
     return rays
@@ -184,14 +184,14 @@ def ground_factor(ground: Ground, path: NDArray, shade: Shade) -> NDArray:
 
 
 class FaceRay:
-    """A ray reflected by one face of an obstacle and, with `ground`, by the ground."""
+    """A ray reflected by one face of a box and, with `ground`, by the ground."""
 
-    def __init__(self, face: Face, kept: NDArray, shade: Shade, obstacle: Obstacle, ground: Ground | None = None):
+    def __init__(self, face: Face, kept: NDArray, shade: Shade, ground: Ground | None = None):
         self.mirror = np.eye(3) - 2.0 * np.outer(face.normal, face.normal)
         self.shift = 2.0 * face.offset * face.normal
         if ground is not None:
             self.mirror = self.mirror @ np.diag([1.0, 1.0, -1.0])
-        self._face, self._kept, self._shade, self._obstacle, self._ground = face, kept, shade, obstacle, ground
+        self._face, self._kept, self._shade, self._ground = face, kept, shade, ground
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
         """See Ray."""
@@ -204,8 +204,8 @@ class FaceRay:
             touched[2] = abs(touched[2])
         if not self._face.holds(touched):
             return None
-        factor = self._kept * self._shade.factor(source, touched, self._obstacle)
-        factor = factor * self._shade.factor(touched, receiver, self._obstacle)
+        factor = self._kept * self._shade.factor(source, touched, self._face.box)
+        factor = factor * self._shade.factor(touched, receiver, self._face.box)
         return factor if self._ground is None else factor * ground_factor(self._ground, path, self._shade)
 
 
