@@ -83,6 +83,19 @@ def test_image_calibration_and_oracle_carry_one_stamp(rng):
         assert (report.detections[0].id, report.detections[0].results[0].hypothesis.class_id) == ('oracle', 'drone')
 
 
+def test_boxes_that_come_twice_or_without_their_image_are_left_out():
+    """Else they would be those of the image before."""
+    stage, reported = make_stage(oracle_detections=True), []
+    for number in range(30):
+        time = number / 15
+        if number % 7:    # each seventh image is lost
+            stage.on_image(encode_image(EncodedImage(time, b'data'))[0], EPOCH + time, SENDER)
+        for _ in range(1 + (number % 5 == 0)):
+            report = stage.on_image(encode_oracle([]), EPOCH + time + 0.001, SENDER)
+            reported += [] if report is None else [to_seconds(report.header.stamp) - EPOCH]
+    assert reported == pytest.approx([number / 15 for number in range(30) if number % 7], abs=1e-3)
+
+
 @pytest.mark.parametrize('port', [SENDER[1], 50_001])
 def test_boxes_of_a_restarted_simulator_wait_for_its_first_dated_image(port):
     """They are neither of the last image before the restart, nor of a foreign sender, from whatever port they come."""

@@ -166,7 +166,7 @@ class CaptureStamps:
 
 
 class ImageStream:
-    """Assembles images from fragments. A report of the oracle refers to the image of the last received fragment.
+    """Assembles images from fragments. The oracle's first report after a fragment is that of the fragment's image.
 
     Parameters:
         clock: the clock that all streams of one simulator share.
@@ -179,7 +179,8 @@ class ImageStream:
                  most_bytes: int = 4_000_000) -> None:
         self.assembler = ImageAssembler(most_bytes=most_bytes)
         self._clock, self._stamps, self._name = clock, stamps, name
-        self._newest: tuple[Sender, float] | None = None
+        self._newest: tuple[Sender, float] | None = None    # sender and stamp of the newest fragment
+        self._reported = math.nan    # stamp of the image with the newest report
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
         """The image or report that this datagram completes, None if it completes none."""
@@ -196,10 +197,14 @@ class ImageStream:
         return None if image is None else StampedImage(image, stamp)
 
     def _report(self, boxes: list[OracleBox], sender: Sender) -> OracleReport | None:
-        if self._newest is not None and self._newest[0] == sender:
-            return OracleReport(boxes, self._newest[1])
-        _refuse_others(self._clock, self._name, sender)
-        return None
+        if self._newest is None or self._newest[0] != sender:
+            _refuse_others(self._clock, self._name, sender)
+            return None
+        stamp = self._newest[1]
+        if stamp == self._reported:    # it came twice, or its image was lost
+            return None
+        self._reported = stamp
+        return OracleReport(boxes, stamp)
 
 
 class InOrder:
@@ -217,7 +222,7 @@ class InOrder:
             stamp (s): time of the state on the sender's clock.
             date (s): the same in ROS time.
         """
-        if stamp <= self._stamp and date < self._date + self.RESTART_S:
+        if (stamp <= self._stamp or date == self._date) and date < self._date + self.RESTART_S:
             return False
         self._stamp, self._date = stamp, date
         return True
