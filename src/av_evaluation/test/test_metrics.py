@@ -164,13 +164,13 @@ def test_a_true_pose_that_is_none_spoils_no_figure_of_the_others(quaternion):
             message = Odometry()
             message.header.stamp, message.pose.pose.orientation.w = to_stamp(100.0 + step), 1.0
             message.pose.pose.position.x = 10.0 if name == topics.TRUE_TARGET else 0.0
-            recorder.on_truth(name, message)
+            recorder.on_truth(name, message, 100.0 + step)
     bad = Odometry()
     bad.header.stamp = to_stamp(101.5)
     bad.pose.pose.orientation.w, bad.pose.pose.orientation.x = quaternion[:2]
     with pytest.raises(ValueError, match='unit quaternion'):
-        recorder.on_truth(topics.TRUE_RIG, bad)
+        recorder.on_truth(topics.TRUE_RIG, bad, 101.5)
     bad.pose.pose.position.y = math.inf
     with pytest.raises(ValueError, match='finite'):
-        recorder.on_truth(topics.TRUE_TARGET, bad)
+        recorder.on_truth(topics.TRUE_TARGET, bad, 101.5)
     assert recorder.log.true_azimuth([101.4])[0] == pytest.approx(0.0)

@@ -7,9 +7,12 @@ from pathlib import Path
 import bag_messages as make
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from av_bags.reader import Bag
+from av_bags.writer import BagWriter
 from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_simulator.config_files import find_config
 
 sys.path.append(str(Path(__file__).parents[2] / 'av_vision' / 'test'))
 AZIMUTH = math.radians(21.0)
@@ -87,6 +90,35 @@ def test_images_that_do_not_fit_the_description_are_refused_with_both_sizes(tmp_
         replayed(tmp_path / 'bag', stage='raw', model=model, rig=str(rig))
     rig.write_text(f'array: {{file: {array}}}\ncamera: {{width: 640, height: 480}}\n')
     replayed(tmp_path / 'bag', stage='raw', model=model, rig=str(rig))
+
+
+def test_a_camera_on_a_gimbal_is_turned_with_it_and_commanded_within_its_limits(tmp_path):
+    """From its detections, and from the bearings that follow from these; without its orientations no image can be used."""
+    pan, tilt = 0.5, math.radians(52.0)
+    turn = Rotation.from_euler('ZY', [pan, -tilt])
+    for known in (True, False):
+        with make.bag(tmp_path / f'{known}') as write:
+            for k in range(150):
+                time = make.EPOCH + k / 50.0
+                write('/odometry', time, make.odometry(time))
+                if known:
+                    write('/gimbal/state', time, make.make(
+                        'av_interfaces/msg/GimbalState', make.header(time), 'gimbal_link',
+                        make.make('geometry_msgs/msg/Quaternion', *map(float, turn.as_quat())), 1e-6, 1))
+                if k % 4 == 3:
+                    write('/camera/camera_info', time, make.camera_info(time))
+                    write('/detections', time, make.detections(time - 0.02, 0.0, at=(CX, CY)))
+    for stage, name in (('doa', 'True'), ('bearing', 'doa.mcap')):
+        with Bag(tmp_path / name) as bag, BagWriter(tmp_path / f'{stage}.mcap') as out:
+            replay = Replay(bag, ReplaySettings(stage=stage, rig=str(find_config('rig_gimbal')), commands=True))
+            log = replay.run(out)
+        assert not replay.lost and len(log.sight) == 37
+        assert log.sight['azimuth'] == pytest.approx(np.full(37, pan), abs=0.01)
+        with Bag(tmp_path / f'{stage}.mcap') as bag:
+            commands = [bag.decode(topic, data) for topic, _, data in bag.messages(['/pointing/command'])]
+        assert commands[-1].tilt == pytest.approx(tilt, abs=0.02)
+    replay, _ = replayed(tmp_path / 'False', stage='doa', rig=str(find_config('rig_gimbal')))
+    assert replay.lost and any("left out: the gimbal's orientation" in note for note in replay.notes)
 
 
 @pytest.mark.skipif(not FIELD_CASES.exists(), reason='needs ../shared/data')

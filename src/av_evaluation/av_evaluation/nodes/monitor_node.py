@@ -8,7 +8,6 @@ import time as wall
 from collections import deque
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
@@ -26,7 +25,7 @@ from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_common.track_messages import track_of_bearing
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
-from av_evaluation.replay.run_recorder import RunRecorder
+from av_evaluation.replay.run_recorder import LARGEST_OFFSET_S, RunRecorder
 from av_evaluation.report.text import format_status
 from av_evaluation.runs.evaluation import describe
 from av_fusion.measurement.converter import MeasurementConverter
@@ -34,7 +33,6 @@ from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, T
 from av_pointing.controller import Mode
 
 LONGEST_LOG_S = 7200.0    # of which table and plot are made
-LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
 RECENT_BEARINGS = 10    # half a second: true poses come by UDP and may be later than the bearing of their time
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their characters
 
@@ -84,32 +82,29 @@ class MonitorNode(RigNode):
         """Print the figures and write the files of the run."""
         self._report()
 
-    def _logs(self, message: Any) -> bool:
-        """Whether a message is logged. Raises ValueError for a foreign stamp: the log's memory grows with its span of time."""
+    def _logs(self) -> bool:
+        """Whether a message that comes now is logged."""
         now, elapsed = self.now(), wall.monotonic()
         (before, then), self._logged = self._logged, (now, elapsed)
         if abs(now - before) > LARGEST_OFFSET_S > elapsed - then:    # the clock was set, or the player of a bag leapt
             self._recorder.left_out += now - before
-        off = to_seconds(message.header.stamp) - now
-        if not abs(off) <= LARGEST_OFFSET_S:
-            raise ValueError(f'stamp is {off:.0f} s off this node\'s clock')
         return elapsed - self._started < LONGEST_LOG_S
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        if self._logs(message):
+        if self._logs():
             self._recorder.on_doa(self._converter.doa(message), self.now())
 
     def _on_detections(self, message: Detection2DArray, camera: str = CAMERAS[0]) -> None:
         self._meters.setdefault(camera_topic(camera, topics.DETECTIONS), RateMeter()).tick()
-        measurement = self._converter.detections(message, camera=camera) if self._logs(message) else None
+        measurement = self._converter.detections(message, camera=camera) if self._logs() else None
         if measurement is not None:
             self._recorder.on_camera(measurement, message, self.now())
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
         track = track_of_bearing(message)
-        if self._logs(message):
+        if self._logs():
             self._recorder.on_track(track, self.now())
         self._bearings.append(message)
 
@@ -124,8 +119,8 @@ class MonitorNode(RigNode):
         self._command = message
 
     def _on_truth(self, name: str, message: Odometry) -> None:
-        if self._logs(message):
-            self._recorder.on_truth(name, message)
+        if self._logs():
+            self._recorder.on_truth(name, message, self.now())
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -149,7 +144,8 @@ class MonitorNode(RigNode):
         """The newest bearing of whose time the truth has come, and that (rad); NaN with the newest bearing where none has."""
         if not self._bearings:
             return None, math.nan
-        truths = self._recorder.log.newest().true_azimuth([to_seconds(one.header.stamp) for one in self._bearings])
+        truths = self._recorder.log.newest().true_azimuth(
+            [to_seconds(one.header.stamp) - self._recorder.left_out for one in self._bearings])
         known = [k for k, truth in enumerate(truths) if math.isfinite(truth)]
         newest = known[-1] if known else -1
         return self._bearings[newest], float(truths[newest])

@@ -18,7 +18,7 @@ from av_bags.reader import Bag
 from av_common.body_odometry import FixedFrames
 from av_common.frames import BASE_FRAME
 from av_common.freshness import Instant
-from av_common.gimbal_history import GimbalHistory
+from av_common.gimbal_history import GimbalHistory, NotYetKnownError
 from av_common.rig import Rig, camera_topic
 from av_common.rig_messages import static_transforms
 from av_common.stamps import to_seconds
@@ -85,6 +85,8 @@ class Pipeline:
                 self._fuse(self._fusion, name, message, arrival)
             else:
                 self._follow(name, message, arrival)
+        except NotYetKnownError:
+            self.problems[f"{name}: the gimbal's orientation at its time is not known"] += 1
         except ValueError as error:
             self.problems[f'{name}: {error}'] += 1
 

@@ -21,7 +21,7 @@ from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.body_odometry import BodyOdometry
 from av_common.camera import PinholeCamera
 from av_common.freshness import FUTURE_S
-from av_common.gimbal_history import GimbalHistory
+from av_common.gimbal_history import GimbalHistory, sample_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import CAMERAS, CameraMount, Rig, camera_topic, camera_topics, load_rig
@@ -114,6 +114,8 @@ class Replay:
         self.notes: list[str] = []
         self.lost = False
         self._out: BagWriter | None = None
+        if settings.start > bag.length:
+            raise BagError(f'{bag.path} is {bag.length:.1f} s long, start is {settings.start:g} s')
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self._rig, self._estimators, self._segment = load_rig(settings.rig or find_config('rig')), estimators, 0
         senses = names.DOA, *camera_topics(self._rig.cameras, names.DETECTIONS)
@@ -167,12 +169,14 @@ class Replay:
             self._publish(name, arrival, message, data)
         if name in TRUTHS:
             try:
-                self._recorder.on_truth(name, message)
+                self._recorder.on_truth(name, message, arrival)
             except ValueError as error:
                 self.log.notes[name] = f'poses left out, such as this: {error}'
         elif name != names.FRAMES:
             try:
                 message = self._odometry.of_body(message) if name == names.ODOMETRY else message
+                if name == names.GIMBAL and self._fusion is None:
+                    self._gimbal.add(sample_of(message), arrival)
             except ValueError as error:
                 self._pipeline.problems[f'{name}: {error}'] += 1
                 return
@@ -208,8 +212,8 @@ class Replay:
 
     def _build(self, rig: Rig, estimators: Sequence[str]) -> None:
         fusion = self._parameters('av_fusion', 'fusion_node')
-        gimbal = GimbalHistory()
-        self._frames = SensorFrames(rig, gimbal)
+        self._gimbal = GimbalHistory()
+        self._frames = SensorFrames(rig, self._gimbal)
         self._odometry = BodyOdometry(self._frames.fixed)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
@@ -218,12 +222,12 @@ class Replay:
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, models, self._recorder,
-                                             make_tracker(fusion, rig.gimbal), gimbal if rig.gimbal else None,
+                                             make_tracker(fusion, rig.gimbal), self._gimbal if rig.gimbal else None,
                                              tuple(rig.cameras))
             self._fusion.converter.optical_frames = rig.optical_frames
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
-            pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
+            pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}), rig.gimbal)
         doa = self._doa = self._doa_stage(rig)
         others = {method: stage for method in estimators if (stage := self._doa_stage(rig, method=method)) is not None}
         detection = {camera: self._detection_stage(camera, mount, models[camera]) for camera, mount in rig.cameras.items()
@@ -307,6 +311,8 @@ class Replay:
         fault = fusion.consistency.fault if fusion.consistency is not None else None
         if fault is not None:
             self._note(f'the rig is not as described: {fault}')
+        if fusion.untransformed:
+            self._lose(f'{fusion.untransformed} measurements left out: the gimbal\'s orientation at their time is not known')
         for name, count in fusion.gate.foreign_stamps.items():
             if count:
                 self._lose(f"{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s "

@@ -16,9 +16,13 @@ from av_evaluation.runs.measurement_record import OWN_METHOD
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 
+LARGEST_OFFSET_S = 60.0    # of a stamp from its arrival: the figures take memory by the log's span of time
+
 
 class RunRecorder:
     """A `FusionObserver` that writes a `RunLog`. Delays are in the time of the arrivals: computing takes none.
+
+    Raises ValueError for what is stamped by another clock.
 
     Attributes:
         log: measurements, tracks and true poses.
@@ -44,15 +48,15 @@ class RunRecorder:
             self.log.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
-            self.log.sound.add(doa.time - self.left_out, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
+            self.log.sound.add(self._time(doa.time, arrival), azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
                                doa.confidence, arrival - doa.time)
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
         self._keep(measurement)
         best = measurement.best
-        self.log.sight.add(measurement.time - self.left_out, best.azimuth if best else math.nan, best.score if best else 0.0,
-                           arrival - measurement.time)
+        self.log.sight.add(self._time(measurement.time, arrival), best.azimuth if best else math.nan,
+                           best.score if best else 0.0, arrival - measurement.time)
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
@@ -60,19 +64,20 @@ class RunRecorder:
         """Log the track at `time` (s)."""
         self._keep(time)
         known = track.state != State.NONE
-        self.log.fused.add(track.time - self.left_out, track.azimuth, math.sqrt(track.azimuth_variance), track.state,
+        self.log.fused.add(self._time(track.time, time), track.azimuth, math.sqrt(track.azimuth_variance), track.state,
                            track.resolved, time - track.measured if known else math.nan)
 
-    def on_truth(self, name: str, odometry: Any) -> None:
+    def on_truth(self, name: str, odometry: Any, arrival: float) -> None:
         """Log a true pose.
 
         Parameters:
             name: of its topic: TRUE_TARGET or TRUE_RIG of `av_bags.topics`.
             odometry: the message.
+            arrival (s): its time.
 
-        Raises ValueError for a pose that is none.
+        Raises ValueError for a pose that is none, too.
         """
-        time, position = to_seconds(odometry.header.stamp) - self.left_out, odometry.pose.pose.position
+        time, position = self._time(to_seconds(odometry.header.stamp), arrival), odometry.pose.pose.position
         place, attitude = (position.x, position.y, position.z), attitude_of(odometry.pose.pose.orientation)
         if not all(map(math.isfinite, place)):
             raise ValueError(f'the position is {place}, expected finite numbers')
@@ -82,6 +87,12 @@ class RunRecorder:
             self.log.rig.add(time, *place, *attitude)
         else:
             raise ValueError(f'the orientation (w, x, y, z) is {attitude}, expected a unit quaternion')
+
+    def _time(self, stamp: float, arrival: float) -> float:
+        """Time (s) in the log of what is stamped `stamp` (s)."""
+        if not abs(stamp - arrival) <= LARGEST_OFFSET_S:
+            raise ValueError(f'stamp is more than {LARGEST_OFFSET_S:g} s off the clock')
+        return stamp - self.left_out
 
     def _keep(self, event: Event) -> None:
         if self._keeps_events:
