@@ -42,16 +42,18 @@ def one_process(monkeypatch):
 
 
 def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypatch, capsys):
-    """A bag by rosbags alone, a shipped scenario, and a file that is no bag: two succeed, one is named."""
+    """A bag by rosbags alone, a shipped scenario, and two files of one name that are no bags: these are named."""
     one_process(monkeypatch)
     flight(tmp_path / 'bags' / 'good', duration=12.0)
     (tmp_path / 'bags' / 'broken.mcap').write_bytes(b'no bag at all')
+    (tmp_path / 'bags' / 'others').mkdir()
+    (tmp_path / 'bags' / 'others' / 'broken.mcap').write_bytes(b'')
     out = tmp_path / 'out'
     command = [str(tmp_path / 'bags'), 'circle', '--oracle', '--seeds', '1', '--duration', '3', '--out', str(out), '--quiet',
                '--methods', 'fused', 'sound', 'sight', 'gated', 'kalman', 'gcc_phat']
     assert main(command) == 1
     printed = capsys.readouterr()
-    assert 'broken' in printed.err and 'gcc_phat' in printed.err and 'fused (ours)' in printed.out
+    assert printed.err.count('broken failed: ') == 2 and 'gcc_phat' in printed.err and 'fused (ours)' in printed.out
     assert re.search(r'while sight leads: \d+ % of the errors of the fused bearing within 1.64 sigma', printed.out)
     metrics = json.loads((out / 'metrics.json').read_text())
     assert FIGURES.issubset(metrics['fused']) and {'fused', 'sound', 'sight'}.issubset(metrics)
@@ -64,7 +66,8 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     assert page.count('data:image/png;base64,') == 3 and not re.search(r'(src|href)="(?!data:)', page)
     assert len(list((out / 'runs').glob('*.npz'))) == 2
 
-    (tmp_path / 'bags' / 'broken.mcap').unlink()
+    for broken in (tmp_path / 'bags').rglob('broken.mcap'):
+        broken.unlink()
     monkeypatch.setattr(program, 'run_case', lambda case: pytest.fail(f'{case.name} was computed again'))
     assert main(command) == 0
     assert json.loads((out / 'metrics.json').read_text()) == metrics

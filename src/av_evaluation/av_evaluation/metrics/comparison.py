@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +17,12 @@ from av_evaluation.report.page import Page
 from av_evaluation.report.text import label, rows_of
 
 
-def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Path, command: str) -> Path:
+def write_report(runs: Sequence[RunResult], failures: Sequence[str], out: Path, command: str) -> Path:
     """Write metrics.json, runs.json and report.html; returns the path of the report.
 
     Parameters:
         runs: to report.
-        failures: reasons, by the names of the runs that failed.
+        failures: which runs failed, with the reasons.
         out: existing folder.
         command: by which the report was made.
     """
@@ -39,8 +39,8 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
     page.table(*rows_of(metrics), ours=label('fused'))
     page.paragraph('Errors count from the first detection; without one, from the first bearing with resolved front '
                    'and back. All methods get the same data and the same median filter. Methods of sound alone, and the '
-                   'Kalman filter, are given the true one of two hypotheses and evaluated at the centre of their window. '
-                   'Fused, gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
+                   'Kalman filter, are given the true one of two hypotheses; those of sound are evaluated at the centre of '
+                   'their window. Fused, gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
     page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')
     inputs = list(dict.fromkeys(run.case['input'] for run in runs))
     if len(inputs) > 1:
@@ -54,8 +54,8 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         for text in (*run.notes, *run.missing.values()):
             page.paragraph(text)
         page.figure(bearing_chart(run), f'{run.name}: bearing and error.')
-    for name, reason in failures.items():
-        page.paragraph(f'`{name}` failed: {reason}')
+    for failure in failures:
+        page.paragraph(failure)
     page.write(out / 'report.html')
     return out / 'report.html'
 

@@ -57,7 +57,7 @@ class RunResult:
     """Result of one run.
 
     Attributes:
-        name: of the run, unique within an evaluation.
+        name: of the run; bags of several folders may have the same.
         key: digest of the case and the code, see `Case.key`.
         case: fields of the `Case`.
         span_s (s): time for which errors count.

@@ -23,25 +23,23 @@ from av_evaluation.runs.runs import run_case
 
 Work = Callable[[argparse.Namespace], int]
 Group = TypeVar('Group', bound=Hashable)
-Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the last one
 
 
-def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report = lambda done, total, text: None
-              ) -> tuple[dict[str, RunResult], dict[str, str]]:
-    """Compute cases, equal ones once; returns their results by key, and reasons of failures by the names of cases.
+def run_cases(cases: Sequence[Case], out: Path, workers: int, progress: Progress) -> tuple[dict[str, RunResult], list[str]]:
+    """Compute cases, equal ones once; returns their results by key, and which failed, with the reasons.
 
     Parameters:
         cases: to compute.
         out: folder in which results are kept.
         workers: processes, 0 for one for each core.
-        report: called after each run.
+        progress: is shown after each run.
     """
     out.mkdir(parents=True, exist_ok=True)
-    failures: dict[str, str] = {}
+    failures: list[str] = []
     by_key = {case.key: case for case in cases}
     results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(out, case.name, key)) is not None}
     left = [key for key in by_key if key not in results]
-    report(len(results), len(by_key), '')
+    progress.show(len(results), len(by_key))
     if not left:
         return results, failures
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
@@ -55,12 +53,12 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, report: Report
             try:
                 results[key] = future.result()
             except (ValueError, OSError) as error:
-                failures[name] = str(error)
+                failures.append(f'{name} failed: {error}')
             except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
-                failures[name] = f'{type(error).__name__}: {error}{error.__cause__ or ""}'
+                failures.append(f'{name} failed: {type(error).__name__}: {error}{error.__cause__ or ""}')
             else:
                 results[key].save(out)
-            report(len(results) + len(failures), len(by_key), name)
+            progress.show(len(results) + len(failures), len(by_key), name)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
     return results, failures
@@ -132,15 +130,15 @@ def run_program(work: Work, parser: argparse.ArgumentParser, arguments: Sequence
 
 
 def compute(groups: Mapping[Group, Sequence[Case]],
-            options: argparse.Namespace) -> tuple[dict[Group, list[RunResult]], dict[str, str]]:
-    """Compute groups of cases; returns results by group, and reasons of failures by the names of cases.
+            options: argparse.Namespace) -> tuple[dict[Group, list[RunResult]], list[str]]:
+    """Compute groups of cases; returns results by group, and which cases failed, with the reasons, which are printed.
 
     Parameters:
         groups: cases by group.
         options: those of `add_run_options`.
     """
     cases = [case for group in groups.values() for case in group]
-    results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet).show)
-    for name, reason in failures.items():
-        print(f'{name} failed: {reason}', file=sys.stderr)
+    results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet))
+    for failure in failures:
+        print(failure, file=sys.stderr)
     return {name: [results[case.key] for case in group if case.key in results] for name, group in groups.items()}, failures
