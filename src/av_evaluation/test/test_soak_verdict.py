@@ -2,7 +2,7 @@
 
 import pytest
 
-from av_evaluation.cli.soak import ProcessHistory, format_histories, lasting
+from av_evaluation.cli.soak import ProcessHistory, format_histories, lasting, sound_faults
 from av_evaluation.processes import ProcessSample
 
 LIMITS = 300.0, 5.0     # s, MiB
@@ -43,3 +43,7 @@ def test_what_does_not_stay_as_it_was_is_named(made, fault):
 def test_programs_of_a_moment_are_left_out():
     short, long = history(steady, 'shell', end=5.0), history(steady)
     assert lasting([short, long]) == [long]
+
+
+def test_a_rig_that_recorded_nothing_has_a_verdict(tmp_path):
+    assert 'gone.mcap: no such bag' in sound_faults(tmp_path / 'gone.mcap')[0]

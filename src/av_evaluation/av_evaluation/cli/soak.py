@@ -9,6 +9,7 @@ import argparse
 import math
 import re
 import signal
+import socket
 import sys
 import tempfile
 import threading
@@ -17,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +130,9 @@ class PageViewer:
             time.sleep(1.0)
 
     def _follow(self, address: str) -> None:
-        with connect(address, max_size=None) as connection:
+        place = urlsplit(address)
+        direct = socket.create_connection((place.hostname, place.port or 80))    # a proxy would not find this machine's page
+        with connect(address, sock=direct, max_size=None) as connection:
             connection.send('{"do": "next"}')
             for message in connection:
                 if isinstance(message, str) and message.startswith('{"type":"state"'):
@@ -177,15 +181,19 @@ def format_histories(histories: Sequence[ProcessHistory], settle: float, most_gr
     return '\n'.join(lines)
 
 
-def lost_sound(recording: Path) -> dict[str, int]:
-    """What the bridge says at last in a recording of LOSSES, but for what is 0; empty without a bridge. Raises BagError."""
+def sound_faults(recording: Path) -> list[str]:
+    """What is wrong with the sound of a recording, by what the bridge says at last of LOSSES; nothing without a bridge."""
     counts: dict[str, str] = {}
-    with Bag(recording) as bag:
-        for topic, _, data in bag.messages(['/diagnostics']):
-            for status in bag.decode(topic, data).status:
-                if 'bridge_node' in status.name:
-                    counts = {value.key: value.value for value in status.values}
-    return {name: int(counts[name]) for name in LOSSES if int(counts.get(name, 0))}
+    try:
+        with Bag(recording) as bag:
+            for topic, _, data in bag.messages(['/diagnostics']):
+                for status in bag.decode(topic, data).status:
+                    if 'bridge_node' in status.name:
+                        counts = {value.key: value.value for value in status.values}
+    except (ValueError, OSError) as error:
+        return [f'the recording cannot be read: {error}']
+    lost = {name: int(counts[name]) for name in LOSSES if int(counts.get(name, 0))}
+    return [f'sound lost on the way to the bridge: {lost}'] if lost else []
 
 
 def _range(low: int, high: int) -> str:
@@ -229,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print('soak: the rig ended before its time:', *output, sep='\n', file=sys.stderr)
             if not histories:
                 return 2
-        faults = [f'sound lost on the way to the bridge: {lost}'] if (lost := lost_sound(Path(bags) / 'soak.mcap')) else []
+        faults = sound_faults(Path(bags) / 'soak.mcap')
         if viewer is not None:
             print(f'{viewer.updates} updates of the page')
             faults += ['the page showed nothing at the end'] if blank else []
