@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass, field
 from itertools import count
 from multiprocessing.managers import RemoteError
 from pathlib import Path
+from typing import TypeVar
 
 from av_common.arguments import positive
 from av_evaluation.attack.judges import Findings
@@ -43,6 +44,7 @@ COMMANDS = '/pointing/command'
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
 IN_TIME = 'tracking is back in time'
+Answer = TypeVar('Answer')
 
 
 @dataclass
@@ -140,8 +142,7 @@ class Attack:
 
     def _attack(self, kind: str) -> bool:
         """Attack once; returns whether the rig tracks again."""
-        with suppress(TimeoutError):
-            self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
+        self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED or None)
         result, before, times, observer = Result(kind), self._parts(), self._rig.run_times(), self._observer
         with observer.lock:
             observer.commands.begin()
@@ -165,19 +166,16 @@ class Attack:
 
     def _tracks(self, since: float, timeout: float) -> float | None:
         """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
-        with suppress(TimeoutError):
-            self._wait(timeout, lambda: self._observer.bearings.recovered(since) is not None)
-        return self._observer.bearings.recovered(since)
+        return self._wait(timeout, lambda: self._observer.bearings.recovered(since))
 
-    def _wait(self, timeout: float, condition: Callable[[], bool]) -> None:
-        """Wait for what the observer sees. Raises TimeoutError after a time (s), or where the rig has ended."""
+    def _wait(self, timeout: float, ask: Callable[[], Answer | None]) -> Answer | None:
+        """Ask the observer's judges until they answer; None after a time (s), or where the rig has ended."""
         deadline = time.monotonic() + timeout
         while True:
             with self._observer.lock:
-                if condition():
-                    return
-            if time.monotonic() > deadline or self._rig.process.poll() is not None:
-                raise TimeoutError
+                answer = ask()
+            if answer is not None or time.monotonic() > deadline or self._rig.process.poll() is not None:
+                return answer
             time.sleep(0.1)
 
     def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
