@@ -29,6 +29,11 @@ def test_the_offset_is_found(offset):
     assert found.seconds == pytest.approx(offset, abs=0.01) and found.sigma < 0.02
 
 
+def test_the_offset_of_an_array_without_mirror_images_is_found():
+    (times, _, second), seen = curves(0.2)    # the second one is where the target is
+    assert estimate_offset((times, second, np.full(len(times), np.nan)), seen).seconds == pytest.approx(0.2, abs=0.01)
+
+
 def test_sigma_is_honest():
     """Errors over seeds are of the size that sigma says."""
     found = [estimate_offset(*curves(0.1, seed)) for seed in range(30)]

@@ -56,3 +56,14 @@ def test_a_bag_without_sound_or_target_is_refused(tmp_path):
         write('/detections', make.EPOCH, make.detections(make.EPOCH, None))
     with pytest.raises(SystemExit, match='no target is seen'):
         sight_truth.main([str(tmp_path / 'bag'), '--sound', str(tmp_path / 'a.wav'), '--truth', str(tmp_path / 'a.csv')])
+
+
+def test_a_sound_that_begins_anew_is_refused(tmp_path):
+    """What the microphones heard after a restart would lie over what they had heard before."""
+    with make.bag(tmp_path / 'bag') as write:
+        write('/detections', make.EPOCH, make.detections(make.EPOCH, 0.1))
+        for begin in (make.EPOCH, make.EPOCH + 2.0):
+            for k, frame in enumerate(make.audio_frames(begin, make.sound_of(0.1, 1.0))):
+                write('/audio/frames', begin + 0.05 * (k + 1), frame)
+    with pytest.raises(SystemExit, match='the sound begins anew'):
+        sight_truth.main([str(tmp_path / 'bag'), '--sound', str(tmp_path / 'a.wav'), '--truth', str(tmp_path / 'a.csv')])

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_bags.reader import Bag
 from av_common.angles import wrap
+from av_evaluation.metrics.metrics import TAU
 from av_evaluation.replay.replay import Replay, ReplaySettings
 
 LARGEST_S = 0.6  # of offsets: more than any sensor's delay that was met, less than a second, which has aliases
@@ -34,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with Bag(options.bag) as bag:
             log = Replay(bag, ReplaySettings()).run()
-        sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= 0.5
+        sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= TAU
         offset = estimate_offset((log.sound['time'][sound], log.sound['azimuth'][sound], log.sound['mirrored'][sound]),
                                  (log.sight['time'][sight], log.sight['azimuth'][sight]))
     except (ValueError, OSError) as error:
@@ -64,7 +65,7 @@ def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sighting
     """Estimate the offset from directions of arrival and sightings of one target.
 
     Parameters:
-        directions: times (n; s) and azimuths of both mirror images (n; rad) in the body frame.
+        directions: times (n; s) and azimuths of both mirror images (n; rad) in the body frame, NaN without a second one.
         sightings: times (k; s) and azimuths (k; rad) in the body frame.
 
     Raises ValueError for too few simultaneous measurements, and for a target that hardly moves.
@@ -73,7 +74,7 @@ def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sighting
     at, azimuths = (np.asarray(column, float) for column in sightings)
     if len(times) < LEAST_PAIRS or len(at) < LEAST_PAIRS:
         raise ValueError(f'{len(times)} directions of arrival and {len(at)} sightings: at least {LEAST_PAIRS} of each needed')
-    axis = _axis(first, second)
+    axis = _axis(first, np.where(np.isnan(second), math.pi - first, second))    # without images any axis does
     cosine, seen_cosine = np.cos(first - axis), np.cos(azimuths - axis)
     order = np.argsort(at)
     at, seen_cosine = at[order], seen_cosine[order]

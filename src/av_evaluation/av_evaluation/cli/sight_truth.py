@@ -11,6 +11,7 @@ import argparse
 import csv
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,11 @@ from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import Rig, load_rig
 from av_common.stamps import to_seconds
+from av_evaluation.metrics.metrics import TAU
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_simulator.config_files import find_config
 
-LEAST_SCORE = 0.5  # from which a detection counts, as `TAU` of the metrics
 LONGEST_GAP_S = 1.0    # between images of the target, over which its azimuth is interpolated
 LONGEST_SOUND_S = 3600.0  # an hour at 48 kHz takes 0.7 GB a channel
 
@@ -48,7 +49,7 @@ def seen(bag: Bag, settings: ReplaySettings, rig: Rig, array: MicrophoneArray) -
         if not isinstance(event, CameraMeasurement):
             continue
         best = event.best
-        if best is None or best.score < LEAST_SCORE:
+        if best is None or best.score < TAU:
             continue
         direction = rotation.T @ angles_to_direction(best.azimuth, best.elevation)
         side = 1.0 if axis[0] * direction[1] - axis[1] * direction[0] >= 0.0 else -1.0
@@ -58,14 +59,14 @@ def seen(bag: Bag, settings: ReplaySettings, rig: Rig, array: MicrophoneArray) -
         if not rows or event.time > rows[-1][0]:
             rows.append((event.time, azimuth))
     if not rows:
-        raise ValueError(f'{bag.path}: no target is seen with a score of {LEAST_SCORE} or more')
+        raise ValueError(f'{bag.path}: no target is seen with a score of {TAU} or more')
     return rows
 
 
 def heard(bag: Bag, settings: ReplaySettings) -> tuple[NDArray, int, float]:
     """Sound (n, channels) with zeros in gaps, its sample rate, and the capture time in s of its first sample.
 
-    Raises ValueError when there is none, or more than LONGEST_SOUND_S.
+    Raises ValueError when there is none, more than LONGEST_SOUND_S, or two recordings, whose samples are counted anew.
     """
     found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
     if names.AUDIO not in found:
@@ -73,6 +74,8 @@ def heard(bag: Bag, settings: ReplaySettings) -> tuple[NDArray, int, float]:
     frames = [record.message for record in Feed(bag, {names.AUDIO: found.topics[names.AUDIO]})]
     if not frames:
         raise ValueError(f'{bag.path}: no sound')
+    if any(after.first_sample < before.first_sample for before, after in pairwise(frames)):
+        raise ValueError(f'{bag.path}: the sound begins anew, expected one recording')
     first, last = frames[0], frames[-1]
     length = int(last.first_sample) - int(first.first_sample) + len(last.samples) // max(1, last.channels)
     if not 0 < length <= LONGEST_SOUND_S * first.sample_rate:
@@ -80,7 +83,7 @@ def heard(bag: Bag, settings: ReplaySettings) -> tuple[NDArray, int, float]:
     sound = np.zeros((length, first.channels), np.float32)
     for frame in frames:
         start = int(frame.first_sample) - int(first.first_sample)
-        if start >= 0 and (frame.channels, frame.sample_rate) == (first.channels, first.sample_rate):
+        if (frame.channels, frame.sample_rate) == (first.channels, first.sample_rate):
             block = samples_of(frame)
             sound[start:start + len(block)] = block[:length - start]
     return sound, int(first.sample_rate), to_seconds(first.header.stamp)
