@@ -74,10 +74,9 @@ class Loop:
     command: list[float] = field(default_factory=list)
     newest: float = math.nan
 
-    def rms_deg(self, since: float, until: float = math.inf) -> float:
-        """Root mean square of the body's error (deg) from `since` (s) to `until`."""
-        time, error = np.array(self.time), np.array(self.error)
-        chosen = error[(time >= since) & (time < until)]
+    def rms_deg(self, since: float) -> float:
+        """Root mean square of the body's error (deg) from `since` (s) on."""
+        chosen = np.array(self.error)[np.array(self.time) >= since]
         return float(np.degrees(np.sqrt(np.mean(chosen**2))))
 
     def turned_deg(self, since: float) -> float:

@@ -29,6 +29,7 @@ from av_common.arguments import number, whole
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
+from av_evaluation.metrics.metrics import OUTLIER_DEG
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.settings import Tracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
@@ -45,7 +46,7 @@ from av_simulator.trajectories import Circle
 LATEST_S, MOST_WRONG = 5.0, 0.01
 LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimbal shows the drone
 DURATION_S, EARS_S = 10.0, 20.0  # after which a start counts as unresolved; the same at a head
-WRONG_BY = math.radians(20.0)  # rad; as `OUTLIER_DEG` of the metrics
+WRONG_BY = math.radians(OUTLIER_DEG)
 FASTEST_DEG = 20.0  # degrees/s, of the drone around the rig
 SAME = math.radians(10.0)  # hypotheses closer together count as one
 METHODS = {
@@ -59,7 +60,7 @@ DENSE, THIN = 0.8, 0.12  # 1/m, fog that hides a drone at 10 m, and fog that doe
 Resolution = tuple[float, bool]  # time (s) to the first resolved bearing, inf without one, and whether that is wrong
 
 
-def draw_starts(count: int, seed: int = 1, fog: float = DENSE) -> list[Scenario]:
+def draw_starts(count: int, seed: int, fog: float) -> list[Scenario]:
     """Random starts behind the rig: azimuth 90 to 270 degrees, ratio 0 to 20 dB, rate in both directions, all uniform.
 
     The drone circles at 10 m, over reflecting ground.

@@ -123,10 +123,10 @@ class Mixture:
         self._rate, self._justified = 0.0, -math.inf    # of the newest command, and when one was justified
         self._contested: dict[str, list[str]] = {}
 
-    def run(self, messages: int) -> str:
-        """Use a number of messages; returns the first fault, '' for none."""
+    def run(self) -> str:
+        """Use the messages of a sequence; returns the first fault, '' for none."""
         try:
-            for _ in range(messages):
+            for _ in range(MESSAGES):
                 step = self._random.choices(STEPS_S, STEP_SHARES)[0]
                 self._now, self._steady = self._now + step, self._steady + max(step, 0.0)
                 if fault := self._use(self._random.choice((self._doa, self._image, self._odometry))()):
@@ -216,15 +216,9 @@ def check(output: FusionOutput) -> str:
     return ''
 
 
-def faults(first: int, count: int, messages: int) -> dict[int, str]:
-    """The first fault of each sequence that has one, by the seed that repeats it.
-
-    Parameters:
-        first, count: the first seed, and the number of sequences.
-        messages: of each.
-    """
-    found = {seed: Mixture(seed).run(messages) for seed in range(first, first + count)}
-    return {seed: fault for seed, fault in found.items() if fault}
+def faults(seeds: Sequence[int]) -> dict[int, str]:
+    """The first fault of each sequence that has one, by the seed that repeats it."""
+    return {seed: fault for seed in seeds if (fault := Mixture(seed).run())}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -235,18 +229,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--processes', type=number, default=os.cpu_count() or 1, help='at a time (%(default)s)')
     options = parser.parse_args(arguments)
     end = options.seed + options.sequences
-    jobs = [(first, min(CHUNK, end - first), MESSAGES) for first in range(options.seed, end, CHUNK)]
+    jobs = [range(first, min(first + CHUNK, end)) for first in range(options.seed, end, CHUNK)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     found, done = 0, 0
     silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
     with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
-        for (_, count, _), faulty in zip(jobs, pool.imap(_faults, jobs), strict=True):
-            found, done = found + len(faulty), done + count
+        for seeds, faulty in zip(jobs, pool.imap(faults, jobs), strict=True):
+            found, done = found + len(faulty), done + len(seeds)
             for seed, fault in faulty.items():
                 print(f'--seed {seed} --sequences 1: {fault}', flush=True)
     print(f'{found} of {done} sequences break a promise')
     return 1 if found or done < options.sequences else 0
-
-
-def _faults(job: tuple[int, int, int]) -> dict[int, str]:
-    return faults(*job)

@@ -75,7 +75,7 @@ class NetworkRun:
     estimates: list[list[Estimate]] = field(default_factory=list)
     cost: float = 0.0
 
-    def gospa(self, after: float = 0.0) -> tuple[float, float, float]:
+    def gospa(self, after: float) -> tuple[float, float, float]:
         """Mean GOSPA (m), missed and false targets from a time (s) on."""
         rows = []
         for time, truth, found in zip(self.times, self.truths, self.estimates, strict=True):
@@ -95,19 +95,19 @@ class NetworkRun:
             longest = max([longest, *(time - begun + STEP_S for begun in since.values())])
         return longest
 
-    def matched(self, after: float = 0.0) -> Iterable[tuple[float, NDArray[np.float64], Estimate]]:
+    def matched(self, after: float) -> Iterable[tuple[float, NDArray[np.float64], Estimate]]:
         """Time (s), true position (3,) (m) and estimate of each pair within CUTOFF_M from a time (s) on."""
         for time, truth, found in zip(self.times, self.truths, self.estimates, strict=True):
             if time >= after:
                 for row, column in gospa(_distances(truth, found), CUTOFF_M).assigned:
                     yield time, truth[row], found[column]
 
-    def rmse(self, after: float = 0.0) -> float:
+    def rmse(self, after: float) -> float:
         """Root mean square of the distances (m) between drones and their tracks from a time (s) on."""
         squared = [float(np.sum((one.mean[:3] - true) ** 2)) for _, true, one in self.matched(after)]
         return math.sqrt(float(np.mean(squared))) if squared else math.nan
 
-    def nees(self, after: float = 0.0) -> list[float]:
+    def nees(self, after: float) -> list[float]:
         """Normalised estimation errors squared of the positions, 3 being expected, from a time (s) on."""
         return [float((one.mean[:3] - true) @ np.linalg.solve(one.covariance[:3, :3], one.mean[:3] - true))
                 for _, true, one in self.matched(after)]

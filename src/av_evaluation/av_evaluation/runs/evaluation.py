@@ -9,7 +9,7 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, switches, time_to_resolve
+from av_evaluation.metrics.metrics import TAU, acquired, compare, coverage_of, held_errors, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.report.text import format_rows, rows_of
@@ -52,7 +52,7 @@ def evaluate_run(name: str, log: RunLog, methods: tuple[str, ...], filtered: boo
             result.missing[method] = str(error)
     if log.has_truth:
         result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
-    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= 0.5]
+    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= TAU]
     heard = log.sound['time'][log.sound['confidence'] > 0.0]
     if len(seen) and len(heard):
         result.seen_s = float(max(seen.min() - heard.min(), 0.0))
