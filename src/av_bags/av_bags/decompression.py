@@ -22,7 +22,7 @@ _zstd = storage_mcap.zstd      # of the standard library, or its backport
 
 
 def decompress(data: bytes, compression: str, size: int) -> bytes:
-    """The content of a chunk. Raises ValueError where it is too large, or not of the size that it claims.
+    """The content of a chunk. Raises ValueError where it is damaged, too large, or not of the size that it claims.
 
     Parameters:
         data: the compressed bytes.
@@ -36,7 +36,10 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     makers: dict[str, Callable[[], Any]] = {'lz4': lz4.frame.LZ4FrameDecompressor, 'zstd': _zstd.ZstdDecompressor}
     if compression not in makers:
         raise ValueError(f'chunk compression {compression[:40]!r} is not known, expected lz4 or zstd')
-    content: bytes = makers[compression]().decompress(data, max_length=size + 1)
+    try:
+        content: bytes = makers[compression]().decompress(data, max_length=size + 1)
+    except Exception as error:
+        raise ValueError(f'a chunk that is no {compression}: {error}') from error  # the libraries' own errors
     if len(content) != size:
         raise ValueError(f'a chunk of {"more" if len(content) > size else "less"} than the {size} bytes that it claims')
     return content
@@ -51,8 +54,11 @@ def limit_rosbags() -> None:
 
 
 def message(data: bytes) -> bytes:
-    """A message that was compressed by itself. Raises ValueError where it is too large."""
-    content: bytes = _zstd.ZstdDecompressor().decompress(data, max_length=MOST_BYTES + 1)
+    """A message that was compressed by itself. Raises ValueError where it is damaged or too large."""
+    try:
+        content: bytes = _zstd.ZstdDecompressor().decompress(data, max_length=MOST_BYTES + 1)
+    except _zstd.ZstdError as error:
+        raise ValueError(f'a message that is no zstd: {error}') from error
     if len(content) > MOST_BYTES:
         raise ValueError(f'a message of more than {MOST_BYTES / MEGABYTE:.0f} MB')
     return content

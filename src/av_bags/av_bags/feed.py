@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from av_bags import topics as names
 from av_bags.converters import AudioLayout, converter
+from av_bags.definitions import BagError
 from av_bags.reader import Bag, Row
 from av_bags.timeline import GAP_NS, Segment
 from av_common.rig import CAMERAS, camera_topics
@@ -17,6 +18,7 @@ from av_common.rig import CAMERAS, camera_topics
 SECOND = 10**9  # ns
 # Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
+SHORTEST = 4  # bytes of a message, those of its encapsulation: the middleware reads beyond the end of shorter ones
 MOST_WAITING = 100    # messages behind a stamp that may be wrong
 # Topics with stamps of the rig's clock, by which another clock is recognised.
 CLOCKED = (names.AUDIO, names.DOA, *camera_topics(CAMERAS, names.DETECTIONS), names.ODOMETRY, names.BEARING)
@@ -89,14 +91,9 @@ class Feed:
                 now, begun = -math.inf, number
             now = max(now, time)
             name = self._names[topic]
-            convert = self._converters[name]
-            if convert is None and not self._decode:
-                yield BagRecord(name, now, None, data, segment)
-                continue
             try:
-                message = self._decoders[name](data)
-                found = [(message, data)] if convert is None else [(other, b'') for other in convert(message, time_ns)]
-            except (ValueError, RuntimeError) as error:
+                found = self._converted(name, time_ns, data)
+            except Exception as error:  # noqa: BLE001  fields of other types make libraries and converters raise any
                 self.problems[f'{topic}: {error}'] += 1
                 continue
             for message, original in found:
@@ -106,6 +103,15 @@ class Feed:
     def lost(self) -> list[str]:
         """What could not be read, with the number of messages."""
         return [f'{count} message{"s" if count > 1 else ""} of {text}' for text, count in self.problems.items()]
+
+    def _converted(self, name: str, time_ns: int, data: bytes) -> list[tuple[Any, bytes]]:
+        """Messages in the rig's type, as far as they are decoded, each with the recorded bytes where those are of that type."""
+        if len(data) < SHORTEST:
+            raise BagError(f'{len(data)} bytes are no message')
+        convert = self._converters[name]
+        if convert is None:
+            return [(self._decoders[name](data) if self._decode else None, data)]
+        return [(message, b'') for message in convert(self._decoders[name](data), time_ns)]
 
     def _timed(self) -> Iterator[tuple[int, float, Row]]:
         """Messages with the number of their segment and their time (s) on the clock that counts."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import itemgetter
@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
@@ -94,6 +93,7 @@ class Bag(AbstractContextManager['Bag']):
         self.topics = {topic: most[topic] for topic, _ in counts}
         self._problems |= {f'{topic}: {count} messages of {kind} are not read, most are {self.topics[topic].kind}': None
                            for (topic, kind), count in counts.items() if kind != self.topics[topic].kind}
+        self._stores: dict[str, Typestore] = {}
         self._definitions = {_kind_of(c): found for c in connections if (found := _usable(_kind_of(c), c.msgdef)) is not None}
         if not counts.total():
             self._opened.close()
@@ -176,10 +176,10 @@ class Bag(AbstractContextManager['Bag']):
         Raises BagError when the type is not defined or the bytes do not match it.
         """
         kind = self.topics[topic].kind
-        if kind not in self.types.fielddefs:
-            raise BagError(f'{self.path}: {topic} cannot be read, {kind} is defined neither in the bag nor here')
         try:
-            return self.types.deserialize_cdr(data, kind)
+            return self._types(kind).deserialize_cdr(data, kind)
+        except UnknownTypeError as error:
+            raise BagError(f'{self.path}: {topic} cannot be read, {kind} is defined neither in the bag nor here') from error
         except Exception as error:
             raise BagError(f'{self.path}: a message of {topic} is no {kind}: {error}') from error
 
@@ -221,17 +221,17 @@ class Bag(AbstractContextManager['Bag']):
         return sorted({f'{name.split("/")[-1]}.{field}' for name, (_, fields) in installed_types(kind).items()
                        for field in {name for name, _ in fields} ^ {name for name, _ in there.get(name, (None, fields))[1]}})
 
-    @cached_property
-    def types(self) -> Typestore:
-        """The types as the bag defines them; types, or parts of them, without a definition in the bag as installed."""
-        found: Typesdict = {}
-        for kind in {topic.kind for topic in self.topics.values()}:
-            with suppress(UnknownTypeError):  # neither installed, nor defined in a form that rosbags can parse
-                text = self._definitions.get(kind)
-                found.update(installed_types(kind) if text is None else completed(parse(kind, text)))
-        store = get_typestore(Stores.EMPTY)
-        store.register(found)
-        return store
+    def _types(self, kind: str) -> Typestore:
+        """A type and its parts as the bag defines that type; without a definition in the bag as installed.
+
+        Each type has its own, since the definitions of two types may disagree about a part. Raises UnknownTypeError where it is
+        neither installed, nor defined in a form that rosbags can parse.
+        """
+        if kind not in self._stores:
+            text, store = self._definitions.get(kind), get_typestore(Stores.EMPTY)
+            store.register(installed_types(kind) if text is None else completed(parse(kind, text)))
+            self._stores[kind] = store
+        return self._stores[kind]
 
     def close(self) -> None:
         """Close the files."""
@@ -245,25 +245,23 @@ class Bag(AbstractContextManager['Bag']):
         """The open files, each with the number of steps back of the clock before it, and the segments."""
         readers, blocks, before = [], [], 0
         for reader in self._readers:
-            found, last = self._steps_in(reader)
-            blocks += [(before + step, times) for step, times in found]
-            copies = self._by_step(reader) if last else [reader]
-            readers += [(before + number, copy) for number, copy in enumerate(copies)]
-            before += last if self._parts.described else 0    # the files of a described bag follow each other
+            times, steps = self._times_of(reader)
+            parts = [(copy, self._times_of(copy)[0]) for copy in self._by_step(reader)] if steps else [(reader, times)]
+            readers += [(before + number, part) for number, (part, _) in enumerate(parts)]
+            blocks += [(before + number, times) for number, (_, times) in enumerate(parts)]
+            before += len(parts) - 1 if self._parts.described else 0    # the files of a described bag follow each other
         return readers, segments_of(blocks)
 
-    def _steps_in(self, reader: Reader) -> tuple[list[tuple[int, NDArray[np.int64]]], int]:
-        """Times (n,) of the messages of a file with the number of steps back of the clock before them, and the last number."""
-        steps = Steps()
+    def _times_of(self, reader: Reader) -> tuple[NDArray[np.int64], int]:
+        """Times (n,) of the messages of a file, and how often the clock was set back in its course."""
+        steps, found = Steps(), list[int]()
         try:
-            rows = np.fromiter(((steps.take(topic, time_ns), time_ns) for topic, time_ns in recorded(reader)),
-                               [('step', np.int64), ('time', np.int64)])
+            for topic, time_ns in recorded(reader):
+                steps.take(topic, time_ns)
+                found.append(time_ns)
+            return np.array(found, np.int64), steps.count if steps.count <= MOST_STEPS else 0
         except Exception:  # noqa: BLE001  a damaged index: the messages themselves, in order of time, tell of gaps
-            times = np.array([row[1] for row in self._rows_of(reader, None, 0, FOREVER)], np.int64)
-            return [(0, times)], 0
-        last = steps.count if steps.count <= MOST_STEPS else 0
-        numbers = np.minimum(rows['step'], last)
-        return [(step, rows['time'][numbers == step]) for step in range(last + 1)], last
+            return np.array([row[1] for row in self._rows_of(reader, None, 0, FOREVER)], np.int64), 0
 
     def _by_step(self, reader: Reader) -> list[Reader]:
         """Copies of an open file in whose course the clock was set back, one for each clock."""
@@ -325,13 +323,26 @@ class Bag(AbstractContextManager['Bag']):
                   and _kind_of(c) == self.topics[c.topic].kind]
         if wanted:  # rosbags takes an empty list for all connections
             for connection, time_ns, data in reader.messages(wanted, start_ns, stop_ns):
-                yield connection.topic, time_ns, message(data) if self._parts.by_message else data
+                try:
+                    content = self._content(data)
+                except ValueError as error:
+                    self._problems[f'{connection.topic}: messages are left out: {error}'] = None
+                    continue
+                yield connection.topic, time_ns, content
+
+    def _content(self, data: bytes) -> bytes:
+        """A message as it was recorded, decompressed. Raises ValueError where it is damaged; a database may hold any type."""
+        if not isinstance(data, bytes):
+            raise ValueError(f'{type(data).__name__} instead of bytes')
+        return message(data) if self._parts.by_message else data
 
     def _is_readable(self, connection: Connection) -> bool:
         encoding = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ''
-        if encoding != 'cdr':
-            self._problems[f'{connection.topic}: messages in {encoding!r} are not read'] = None
-        return encoding == 'cdr'
+        kind = connection.msgtype
+        why = f'in {encoding!r}' if encoding != 'cdr' else '' if '/' in kind else f'of type {kind!r}'
+        if why:
+            self._problems[f'{connection.topic}: messages {why} are not read'] = None
+        return not why
 
 
 def _kind_of(connection: Connection) -> str:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
@@ -117,7 +118,7 @@ def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
     """The records of an mcap file that can be read, in order; descriptions of the damage are added to `problems`."""
     with path.open('rb') as file:
         records = StreamReader(file, emit_chunks=True, record_size_limit=PLAUSIBLE_RECORD_BYTES).records
-        offset = 0
+        offset, is_summary_read = 0, False
         while True:
             try:
                 record = next(records, None)
@@ -132,6 +133,19 @@ def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
                     yield from breakup_chunk(replace(record, data=content, compression=''), validate_crc=True)
                 except DAMAGE as error:
                     problems.append(f'{path.name}: the chunk at byte {offset} is damaged ({error})')
+                    if not is_summary_read:
+                        is_summary_read = True
+                        yield from _summarised(path)
             else:
                 yield record
             offset = file.tell()
+
+
+def _summarised(path: Path) -> list[McapRecord]:
+    """Schemas and channels by the end of an mcap file: those that a damaged chunk held are of messages in other chunks, too."""
+    try:
+        with path.open('rb') as file:
+            summary = SeekingReader(file, record_size_limit=PLAUSIBLE_RECORD_BYTES).get_summary()
+    except DAMAGE:
+        return []
+    return [*summary.schemas.values(), *summary.channels.values()] if summary else []

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from av_bags.definitions import definition
+from av_bags.definitions import SEPARATOR, definition
 from av_bags.feed import Feed
 from av_bags.reader import Bag
 
@@ -213,13 +213,29 @@ def test_types_in_the_spelling_of_ros1_are_the_same(tmp_path):
 
 
 def test_a_schema_without_encoding_and_topics_of_others_do_no_harm(tmp_path):
-    others = [('/notes', 'json', 'jsonschema', b'{"a": 1}'), ('/scene', 'protobuf', 'protobuf', b'\x08\x01')]
+    others = [('/notes', 'json', 'jsonschema', b'{"a": 1}'), ('/scene', 'protobuf', 'protobuf', b'\x08\x01'),
+              ('/typeless', 'cdr', '', b'\0\1\0\0')]
     path = write_with_schemas(tmp_path / 'bag.mcap', recorded(1.0), lambda kind: b'', '', others)
     with Bag(path) as bag:
         assert set(bag.topics) == {'/odometry', '/doa'}
         assert len(list(Feed(bag, {'odometry': '/odometry', 'doa': '/doa'}))) == 30
         assert [problem.partition(' are')[0] for problem in sorted(bag.problems)] == [
-            "/notes: messages in 'json'", "/scene: messages in 'protobuf'"]
+            "/notes: messages in 'json'", "/scene: messages in 'protobuf'", "/typeless: messages of type 'Other'"]
+
+
+@pytest.mark.parametrize('part', ['float64 wrong\n', 'float64 a\nfloat64 a\n'])
+def test_a_type_that_defines_a_part_in_its_own_way_does_not_change_the_others(tmp_path, part):
+    text = f'std_msgs/Header header\n{SEPARATOR}MSG: std_msgs/Header\n{part}'.encode()
+    rows = recorded(1.0)
+    writer = McapWriter(str(tmp_path / 'bag.mcap'))
+    writer.start('ros2')
+    for kind, own in (*((f'odd_msgs/msg/Odd{k}', text) for k in range(5)), (make.ODOMETRY, full(make.ODOMETRY).encode())):
+        channel = writer.register_channel(f'/{kind}', 'cdr', writer.register_schema(kind, 'ros2msg', own))
+        writer.add_message(channel, rows[0][1], make.cdr(rows[0][2]), rows[0][1])
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        feed = Feed(bag, {'truth/rig': f'/{make.ODOMETRY}'})
+        assert len(list(feed)) == 1 and not feed.problems
 
 
 def test_messages_that_cannot_be_read_are_counted(tmp_path):
@@ -237,6 +253,37 @@ def test_messages_that_cannot_be_read_are_counted(tmp_path):
         feed = Feed(bag, {'odometry': '/odometry'})
         assert len(list(feed)) == 18 and sum(feed.problems.values()) == 2
         assert all(text.startswith('2 messages of /odometry: ') for text in feed.lost)
+
+
+@pytest.mark.parametrize('decode', [True, False])
+def test_messages_without_content_are_counted(tmp_path, decode):
+    """The middleware would read beyond their end."""
+    path, rows = tmp_path / 'bag.mcap', recorded(1.0)
+    writer = McapWriter(str(path))
+    writer.start('ros2')
+    channel = writer.register_channel('/odometry', 'cdr', writer.register_schema(make.ODOMETRY, 'ros2msg', b''))
+    for data in (b'', b'\0\1', make.cdr(rows[0][2])):
+        writer.add_message(channel, rows[0][1], data, rows[0][1])
+    writer.finish()
+    with Bag(path) as bag:
+        feed = Feed(bag, {'odometry': '/odometry'}, decode=decode)
+        assert len(list(feed)) == 1 and feed.lost == ['1 message of /odometry: 0 bytes are no message',
+                                                      '1 message of /odometry: 2 bytes are no message']
+
+
+def test_fields_of_another_type_are_counted(tmp_path):
+    """A header that has one field more, as that of ROS 1, is none of the installed class, which a conversion needs."""
+    kind = 'geometry_msgs/msg/PoseStamped'
+    text = full(kind).replace('MSG: std_msgs/Header\n', 'MSG: std_msgs/Header\nuint32 seq\n')
+    writer = McapWriter(str(tmp_path / 'bag.mcap'))
+    writer.start('ros2')
+    channel = writer.register_channel('/pose', 'cdr', writer.register_schema(kind, 'ros2msg', text.encode()))
+    data = b'\0\1\0\0' + bytes(12) + b'\1\0\0\0' + bytes(8) + np.array([0.0] * 6 + [1.0]).tobytes()
+    writer.add_message(channel, START, data, START)
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        feed = Feed(bag, {'odometry': '/pose'})
+        assert not list(feed) and sum(feed.problems.values()) == 1
 
 
 def test_chunks_without_an_index_are_read(tmp_path):

@@ -3,6 +3,7 @@ import sqlite3
 import bag_messages as make
 import numpy as np
 import pytest
+from mcap.reader import SeekingReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
@@ -118,18 +119,47 @@ def test_a_truncated_mcap_is_read_as_far_as_it_goes(tmp_path, compression, share
     assert len(read) >= 1000 * share - 300 * (compression != 'none') - 51
 
 
-def test_a_broken_chunk_costs_only_itself(tmp_path):
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+@pytest.mark.parametrize('number', [0, 10, 19])
+def test_a_broken_chunk_costs_only_itself(tmp_path, compression, number):
+    """Also the first one, which defines the topic."""
     path = tmp_path / 'bag.mcap'
-    write_in_chunks(path, 'none')
+    write_in_chunks(path, compression)
     content = bytearray(path.read_bytes())
-    content[len(content) // 2:len(content) // 2 + 40] = b'?' * 40
+    with path.open('rb') as file:
+        chunk = sorted(SeekingReader(file).get_summary().chunk_indexes, key=lambda index: index.chunk_start_offset)[number]
+    place = chunk.chunk_start_offset + chunk.chunk_length // 2
+    content[place:place + 40] = b'?' * 40
     path.write_bytes(content)
     with Bag(path) as bag:
-        read = positions(bag)
+        assert positions(bag) == [x for x in range(1000) if x // 50 != number]
         assert len(bag.problems) == 1
-    assert read == sorted(read)
-    assert 900 <= len(read) < 1000
-    assert {0, 999} <= set(read)
+
+
+@pytest.mark.parametrize('share', np.linspace(0.05, 0.75, 6))
+def test_a_broken_index_costs_nothing(tmp_path, share):
+    """It may even tell of clocks that were set."""
+    path = tmp_path / 'bag.mcap'
+    write_in_chunks(path, 'lz4')
+    content = bytearray(path.read_bytes())
+    with path.open('rb') as file:
+        chunks = SeekingReader(file).get_summary().chunk_indexes
+    index = chunks[round(share * len(chunks))]
+    place = index.chunk_start_offset + index.chunk_length + 100
+    content[place:place + 40] = b'?' * 40
+    path.write_bytes(content)
+    with Bag(path) as bag:
+        assert positions(bag) == list(range(1000))
+
+
+@pytest.mark.parametrize('damaged', [b'no zstd', 'a text'])
+def test_a_broken_message_costs_only_itself(tmp_path, damaged):
+    path = foreign_bag(tmp_path / 'bag', StoragePlugin.SQLITE3, 20, CompressionMode.MESSAGE)
+    with sqlite3.connect(path / 'bag.db3') as database:
+        database.execute('UPDATE messages SET data = ? WHERE id = 5', (damaged,))
+    with Bag(tmp_path / 'bag') as bag:
+        assert positions(bag) == [*range(4), *range(5, 20)]
+        assert [problem.partition(': messages are left out')[0] for problem in bag.problems] == ['/a/odometry']
 
 
 @pytest.mark.parametrize(('name', 'content', 'complaint'), [
