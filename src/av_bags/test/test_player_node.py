@@ -6,7 +6,8 @@ import time
 
 import pytest
 import rclpy
-from bag_messages import EPOCH, bag, flight, odometry
+from bag_messages import EPOCH, bag, cdr, flight, odometry, static_frames
+from mcap.writer import Writer as McapWriter
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -130,6 +131,51 @@ def test_it_opens_other_bags_of_its_folder_and_waits_at_their_ends(tmp_path):
 def test_without_a_folder_no_other_bag_is_opened(replay, tmp_path):
     flight(tmp_path / 'other.mcap', duration=3.0)
     assert not replay.set('bag', str(tmp_path / 'other.mcap'))
+
+
+def test_a_bag_that_cannot_be_read_does_not_end_the_present_one(tmp_path):
+    """Its directions were recorded with a definition that nothing here can read."""
+    flight(tmp_path / 'first.mcap', duration=20.0)
+    writer = McapWriter(str(tmp_path / 'other.mcap'))
+    writer.start('ros2')
+    schema = writer.register_schema('av_interfaces/msg/DoaArray', 'ros2msg', b'float64 x')
+    channel = writer.register_channel('/doa', 'cdr', schema)
+    writer.add_message(channel, 10**18, bytes(20), 10**18)
+    writer.finish()
+    replay = Replay(tmp_path / 'first.mcap', bags=str(tmp_path))
+    try:
+        assert not replay.set('bag', str(tmp_path / 'other.mcap'))
+        count = len(replay.times)
+        replay.spin_until(lambda: len(replay.times) > count + 20)
+    finally:
+        replay.close()
+
+
+def test_a_damaged_transform_is_left_out(tmp_path):
+    with bag(tmp_path / 'bag') as write:
+        write('/tf_static', EPOCH, static_frames(EPOCH))
+        for k in range(40):
+            write('/odometry', EPOCH + 0.05 * k, odometry(EPOCH + 0.05 * k))
+    file, = (tmp_path / 'bag').glob('*.mcap')
+    content = bytearray(file.read_bytes())
+    place = content.index(cdr(static_frames(EPOCH))) + 4
+    content[place:place + 4] = b'\xff' * 4    # the number of its transforms
+    file.write_bytes(content)
+    replay = Replay(tmp_path / 'bag')
+    replay.close()
+
+
+def test_times_that_no_clock_shows_end_the_replay(tmp_path):
+    with bag(tmp_path / 'bag') as write:
+        for k in range(100):
+            time_s = 2.0**31 - 2.0 + 0.05 * k
+            write('/truth/rig', time_s, odometry(1.0))
+    replay = Replay(tmp_path / 'bag')
+    try:
+        replay.spin_until(replay.player.done.done)
+        assert replay.player.refused.counts == {'bag': 1}
+    finally:
+        replay.close()
 
 
 def test_the_player_leaps_over_what_lies_between_two_clocks(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
@@ -73,12 +73,10 @@ class PlayerNode(RigNode):
         for name, reason in found.missing.items():
             if name in found.unused or name not in SECOND:  # most rigs have one camera
                 self.get_logger().info(reason)
-        layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
-            if settings.audio_rate else None
         self._stop = position + settings.duration if settings.duration else math.inf
         self._static_topic = found.topics.pop(names.FRAMES, None)
-        self._bag, self._path, self._topics, self._layout = bag, path, found.topics, layout
-        self._feed = self._feed_from(position)
+        self._bag, self._path, self._topics = bag, path, found.topics
+        self._feed = self._feed_from(bag, found.topics, position)
         self._length = min(self._stop, bag.length)
         self._position = self._wanted_position = position
         self._seek = False
@@ -130,7 +128,7 @@ class PlayerNode(RigNode):
             if not settings.bags or Path(settings.bag).resolve().parent != Path(settings.bags).resolve():
                 raise ValueError(f'bag is {settings.bag}, expected a bag of the folder bags: {settings.bags or "none is set"}')
             with Bag(settings.bag) as bag:
-                self._find(bag)
+                self._feed_from(bag, self._find(bag).topics, 0.0)
         elif settings.position > self._length:
             raise ValueError(f'position is {settings.position}, expected at most {self._length:.1f}, the length of the bag (s)')
 
@@ -152,26 +150,32 @@ class PlayerNode(RigNode):
         response.success, response.message = True, 'paused' if request.data else 'playing'
         return response
 
-    def _feed_from(self, position: float) -> Feed:
-        """What is played from a time (s) after the start on."""
-        return Feed(self._bag, self._topics, self._layout, position, self._stop, decode=False)
+    def _feed_from(self, bag: Bag, topics: Mapping[str, str], position: float) -> Feed:
+        """What is played of a bag from a time (s) after the start on. Raises BagError where a topic cannot be read."""
+        settings = self._settings
+        layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
+            if settings.audio_rate else None
+        return Feed(bag, topics, layout, position, self._stop, decode=False)
 
     def _run(self) -> None:
         waited = False
         while True:
-            records = iter(self._feed)
-            first = next(records, None)
-            if first is not None:
-                if not waited:
-                    self._wait_for_subscribers(first.arrival)
-                    waited = True
-                self._play(chain([first], records))
+            try:
+                records = iter(self._feed)
+                first = next(records, None)
+                if first is not None:
+                    if not waited:
+                        self._wait_for_subscribers(first.arrival)
+                        waited = True
+                    self._play(chain([first], records))
+            except Exception as error:  # noqa: BLE001  such as times that no clock of a node can show
+                self.refused.refuse('bag', error)
             while self._settings.bags and not self._seek and not self._stopping.wait(PAUSE_STEP_S):
                 pass
             if not self._seek or self._stopping.is_set():
                 break
             self._seek, self._position = False, self._wanted_position
-            self._feed = self._feed_from(self._wanted_position)
+            self._feed = self._feed_from(self._bag, self._topics, self._wanted_position)
         for note in (*self._bag.notes, *self._feed.notes):
             self.get_logger().warning(note)
         for problem in (*self._bag.problems, *self._feed.lost):
@@ -214,9 +218,11 @@ class PlayerNode(RigNode):
 
     def _static_transforms(self, topic: str) -> TFMessage:
         """All static transforms of the bag in one message, because subscribers receive only the last latched one."""
-        decode = self._bag.decoder(topic)
-        return TFMessage(transforms=list({transform.child_frame_id: transform for _, _, data in self._bag.messages([topic])
-                                          for transform in decode(data).transforms}.values()))
+        feed = Feed(self._bag, {names.FRAMES: topic})
+        found = {transform.child_frame_id: transform for record in feed for transform in record.message.transforms}
+        for problem in feed.lost:
+            self.get_logger().error(problem)
+        return TFMessage(transforms=list(found.values()))
 
     def _publish_clock(self, now: float) -> None:
         self._clock_output.publish(Clock(clock=to_stamp(now)))
