@@ -14,6 +14,8 @@ from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
 from av_reports.contacts import BearingTrack, Place, PositionTrack
 
 STEEPEST = 0.02  # cosine of an elevation, above which an azimuth has no standard deviation to speak of
+LARGEST = 1e12  # m, m^2, m/s: larger ones say nothing, and make events of Cursor on Target longer than a datagram
+LONGEST_NAME = 64  # characters of a class
 
 
 def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_utc: float = 0.0) -> Iterator[BearingTrack]:
@@ -35,15 +37,15 @@ def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_u
             continue
         measured = max(to_seconds(track.last_heard), to_seconds(track.last_seen))
         elevation, elevation_variance = float(track.elevation_world), float(track.covariance_world[3])
-        known = math.isfinite(elevation) and 0.0 <= elevation_variance < math.inf
+        known = abs(elevation) <= math.pi / 2 + 1e-3 and 0.0 <= elevation_variance < math.inf
         steepness = max(math.cos(elevation), STEEPEST) if known else 1.0
         yield BearingTrack(
             id=track.id, time=time + to_utc, measured=measured + to_utc if measured else 0.0,
             existence=min(max(track.existence, 0.0), 1.0), azimuth=azimuth % math.tau,
             azimuth_sigma=min(math.sqrt(variance) / steepness, math.pi), elevation=elevation if known else math.nan,
             elevation_sigma=math.sqrt(elevation_variance) if known else math.nan, north=north,
-            front_back=track.hemisphere_probability, resolved=track.resolved, drone_probability=track.drone_probability,
-            class_id=track.class_id)
+            front_back=_probability(track.hemisphere_probability, 0.5), resolved=track.resolved,
+            drone_probability=_probability(track.drone_probability), class_id=track.class_id[:LONGEST_NAME])
 
 
 def _azimuth(track: Track, heading: float | None, north: bool) -> float:
@@ -64,11 +66,11 @@ def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[P
     """
     time = to_seconds(message.header.stamp)
     origin = (message.latitude, message.longitude, message.altitude)
-    if not (all(map(math.isfinite, origin)) and abs(origin[0]) <= 90.0):
+    if not _is_place(*origin):
         raise ValueError(f'the origin of {message.header.frame_id!r} is at {origin}, expected latitude, longitude and altitude')
     for track in message.tracks:
         numbers = _numbers(track)
-        usable = np.isfinite(numbers[:15]).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
+        usable = (np.abs(numbers[:15]) < LARGEST).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
         if track.positioned and usable:
             yield _position_track(track, numbers, origin, (time + to_utc, to_seconds(track.measured) + to_utc))
 
@@ -76,10 +78,20 @@ def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[P
 def place_of_fix(message: NavSatFix) -> Place:
     """Where a receiver of satellite navigation is. Raises ValueError for a message without a fix."""
     numbers = (message.latitude, message.longitude, message.altitude)
-    if message.status.status < NavSatStatus.STATUS_FIX or not all(map(math.isfinite, numbers)) or abs(numbers[0]) > 90.0:
+    if message.status.status < NavSatStatus.STATUS_FIX or not _is_place(*numbers):
         raise ValueError(f'no fix: status {message.status.status}, {numbers}')
     known = message.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN and message.position_covariance[0] >= 0.0
     return Place(*numbers, sigma=math.sqrt(message.position_covariance[0]) if known else math.nan)
+
+
+def _is_place(latitude: float, longitude: float, altitude: float) -> bool:
+    """Whether there is such a place on the earth, or above it."""
+    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and abs(altitude) < LARGEST
+
+
+def _probability(value: float, otherwise: float = math.nan) -> float:
+    """A probability; `otherwise` for a number that is none."""
+    return value if 0.0 <= value <= 1.0 else otherwise
 
 
 def _numbers(track: WorldTrack) -> np.ndarray:
@@ -106,4 +118,4 @@ def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float,
         id=track.id, time=times[0], measured=times[1], existence=min(max(track.existence, 0.0), 1.0), latitude=latitude,
         longitude=longitude, altitude=altitude, covariance=tuple(map(tuple, covariance.tolist())), velocity=(east, north, up),
         velocity_sigma=tuple(np.sqrt(np.where(numbers[15:] >= 0.0, numbers[15:], math.inf)).tolist()),
-        drone_probability=track.drone_probability, class_id=track.class_id, rigs=tuple(track.rigs))
+        drone_probability=_probability(track.drone_probability), class_id=track.class_id[:LONGEST_NAME], rigs=tuple(track.rigs))

@@ -51,6 +51,9 @@ def test_what_is_unknown_is_nan_and_what_is_meaningless_is_left_out():
     for bad in ({'azimuth_world': math.nan}, {'covariance_world': np.full(4, math.inf, np.float32)}, {'existence': math.nan},
                 {'covariance_world': np.full(4, -1.0, np.float32)}):
         assert list(bearing_tracks(targets(**bad), None, True)) == []
+    odd, = bearing_tracks(targets(hemisphere_probability=math.nan, drone_probability=7.0, elevation_world=100.0,
+                                  class_id='x' * 5000), None, True)
+    assert odd.front_back == 0.5 and math.isnan(odd.drone_probability) and math.isnan(odd.elevation) and len(odd.class_id) == 64
 
 
 def test_times_are_utc():
@@ -90,9 +93,13 @@ def test_positions_of_a_network_are_on_the_earth():
 
 
 def test_positions_that_are_none_are_left_out_or_refused():
-    for values in ({'positioned': False}, {'position': Point(x=math.nan)}, {'existence': math.inf},
+    for values in ({'positioned': False}, {'position': Point(x=math.nan)}, {'position': Point(x=1e300, z=-1e300)},
+                   {'velocity': Vector3(x=1e300)}, {'position_covariance': np.diag([1e300, 1.0, 1.0]).ravel()},
+                   {'existence': math.inf},
                    {'position_covariance': np.diag([4.0, -9.0, 1.0]).ravel()}):
         assert list(position_tracks(network(**values))) == []
+    odd, = position_tracks(network(drone_probability=math.inf, class_id='x' * 5000))
+    assert math.isnan(odd.drone_probability) and len(odd.class_id) == 64
     flat, = position_tracks(network(position_covariance=np.diag([4.0, 0.0, 0.0]).ravel()))
     assert flat.sigma == pytest.approx((2.0, 0.0, 0.0), abs=1e-2)
     nowhere = network()
@@ -109,11 +116,11 @@ def test_a_fix_is_a_place():
     fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
     assert math.isnan(place_of_fix(fix).sigma)
     lost = NavSatStatus(status=NavSatStatus.STATUS_NO_FIX)
-    for name, value in (('latitude', math.nan), ('latitude', 91.0), ('status', lost)):
+    for name, value in (('latitude', math.nan), ('latitude', 91.0), ('longitude', 1e300), ('status', lost)):
         setattr(fix, name, value)
         with pytest.raises(ValueError, match='no fix'):
             place_of_fix(fix)
-        fix.latitude = 51.5
+        fix.latitude, fix.longitude = 51.5, -0.12
 
 
 def test_of_very_many_targets_the_likeliest_are_reported():
