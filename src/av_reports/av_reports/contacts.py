@@ -14,6 +14,11 @@ def compass_deg(azimuth: float, digits: int = 9) -> float:
     return round(math.degrees(azimuth) % 360.0, digits) % 360.0
 
 
+def is_due(now: float, last: float, period: float) -> bool:
+    """Whether what was told `last` (s; -inf for never) is told again: after a period (s), or where the clock was set back."""
+    return not 0.0 <= now - last < period
+
+
 class BearingTrack(NamedTuple):
     """A target of which a single rig knows the direction, and no distance.
 

@@ -7,12 +7,13 @@ import io
 import json
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
-from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due
 from av_reports.settings import SENSOR_RANGE_M
 from av_reports.stage import Situation
 
@@ -88,8 +89,8 @@ class TrackLog:
 
     def report(self, situation: Situation) -> None:
         """Write the tracks that are due."""
-        due = [track for track in situation.tracks if track.time - self._newest.get(track.id, 0.0) >= 1.0]
-        self._newest = {track.id: self._newest.get(track.id, 0.0) for track in situation.tracks}
+        self._newest = {track.id: self._newest.get(track.id, -math.inf) for track in situation.tracks}
+        due = [track for track in situation.tracks if is_due(track.time, self._newest[track.id], 1.0)]
         self._newest |= {track.id: track.time for track in due}
         try:
             self._write(due, situation.place)
@@ -106,9 +107,10 @@ class TrackLog:
         return {'files': f'{self._stem}.*', 'written': self.written}
 
     def close(self) -> None:
-        """Close both files."""
-        self._table.close()
-        self._features.close()
+        """Close both files, also on a full disk, of which `problem` tells."""
+        for file in (self._table, self._features):
+            with suppress(OSError):
+                file.close()
 
     def _write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
         for track in tracks:

@@ -108,6 +108,7 @@ def test_events_are_due_at_their_interval_under_a_lasting_name():
     assert stage.on_tracks(tracks, PLACE, NOW + 0.5) == []
     again = {event['uid'] for event in map(read, stage.on_tracks(tracks, PLACE, NOW + 1.0))}
     assert again == set(first) - {'rig-1'}
+    assert len(stage.on_tracks(tracks, PLACE, NOW - 3600.0)) == 4, 'the clock was set back'
 
 
 def test_without_a_place_or_north_no_bearing_is_shown():

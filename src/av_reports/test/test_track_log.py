@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -69,6 +70,20 @@ def test_files_of_others_are_not_overwritten_and_their_size_is_limited(tmp_path)
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 10_000 + 1000
     TrackLog(tmp_path).close()
     assert len(list(tmp_path.glob('tracks_*.csv'))) == 2
+
+
+def test_a_clock_that_is_set_back_and_a_full_disk_end_no_log(tmp_path, monkeypatch):
+    log = TrackLog(tmp_path)
+    log.report(seen(bearing(3)))
+    log.report(seen(bearing(3, time=NOW - 3600.0)))
+    assert log.written == 2
+    log.close()
+    log = TrackLog(tmp_path)
+    log._table = Path('/dev/full').open('w')  # noqa: SIM115  the log closes it
+    log.report(seen(bearing(3)))
+    assert 'No space left' in log.problem()
+    log.close()
+    assert log._table.closed and log._features.closed
 
 
 @given(st.text(max_size=30))

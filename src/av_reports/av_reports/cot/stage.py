@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due
 from av_reports.identifiers import ObjectIds
 from av_reports.settings import SENSOR_RANGE_M, CotSettings
 
@@ -176,13 +176,13 @@ class CotStage:
             surveyed: whether the place was given by a person, rather than measured.
         """
         events = []
-        if place is not None and now - self._rig_sent >= RIG_INTERVAL_S:
+        if place is not None and is_due(now, self._rig_sent, RIG_INTERVAL_S):
             self._rig_sent = now
             events.append(rig_event(place, self._settings, now, surveyed))
         self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
         for track in tracks:
             uid = f'{self._settings.uid}.{self._objects.ulid(track.id, now)}'
-            if now - self._sent[track.id] < INTERVAL_S:
+            if not is_due(now, self._sent[track.id], INTERVAL_S):
                 continue
             if isinstance(track, PositionTrack):
                 events.append(position_event(track, uid, self._settings, now))
