@@ -246,6 +246,51 @@ def test_a_task_ends_by_a_stop_by_its_time_and_with_the_connection(stage):
     assert stage.on_disconnected().command is None
 
 
+def test_a_refused_registration_ends_the_task_and_allows_none(stage):
+    begin(stage, command={'follow': {'follow_object_id': object_id(stage, 3)}})
+    assert stage.on_message(acknowledgement(False), PLACE, NOW).command == Stop() and stage.desk.active is None
+    assert acks(stage.on_message(task(command={'look_at': NORTH}), PLACE, NOW)) == [(REJECTED, 'this node is not registered')]
+
+
+def test_a_task_that_is_stopped_while_it_begins_leaves_the_former_one(stage):
+    """The rig may have obeyed already."""
+    follow, name = {'follow': {'follow_object_id': object_id(stage, 4)}}, new_ulid(NOW)
+    for former, left in ((None, Stop()), (NORTH, LookAt(0.0, pytest.approx(math.radians(10.0)), True))):
+        if former:
+            begin(stage, command={'look_at': former})
+        asked = stage.on_message(task(task_id=name, command=follow), PLACE, NOW)
+        stopped = stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW)
+        assert acks(stopped) == [(COMPLETED, 'stopped')] and stopped.command == left
+        assert not stage.on_done(asked.command, '', NOW).messages and bool(stage.desk.active) is bool(former)
+
+
+def test_a_task_that_ends_while_another_begins_stops_nothing_until_that_is_refused(stage):
+    name = new_ulid(NOW)
+    begin(stage, task_id=name, command={'look_at': NORTH})
+    asked = stage.on_message(task(command={'follow': {'follow_object_id': object_id(stage, 4)}}), PLACE, NOW)
+    assert stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW).command is None
+    assert stage.on_done(asked.command, 'no such track', NOW).command == Stop()
+
+
+@pytest.mark.parametrize('values, reason', [({'task_start_time': {'seconds': 2**62}}, 'begin later'),
+                                            ({'task_end_time': {'nanos': 2**31 - 1}}, 'has ended before')])
+def test_times_that_are_none_are_answered(stage, values, reason):
+    (status, words), = acks(stage.on_message(task(command={'look_at': NORTH}, **values), PLACE, NOW))
+    assert status == REJECTED and reason in words
+
+
+def test_a_clock_that_is_set_back_silences_nothing(stage):
+    stage.on_time(Health(), NOW)
+    stage.on_message(b'rubbish', PLACE, NOW)
+    begin(stage, command={'look_at': NORTH})
+    before = NOW - 86_400.0
+    assert kinds(stage.on_tracks([bearing(3), bearing(4)], before)) == ['detection_report'] * 2
+    assert kinds(stage.on_message(b'rubbish', PLACE, before)) == ['error']
+    ended = stage.on_time(Health(), before)
+    assert acks(ended) == [(COMPLETED, 'its time is over')] and kinds(ended) == ['task_ack', 'status_report']
+    assert not stage.on_tracks([bearing(3), bearing(4)], before + 0.1).messages
+
+
 def test_messages_for_others_are_not_answered(stage):
     other = from_fusion_node('00000000-0000-4000-8000-000000000001', task=Task(task_id=new_ulid(NOW), control=1))
     assert stage.on_message(other, PLACE, NOW) == ((), None) and stage.counts['messages for others'] == 1

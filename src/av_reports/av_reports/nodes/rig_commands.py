@@ -38,6 +38,7 @@ class RigCommands:
         self._now = now
         self._cue: LookAt | None = None
         self._following = False
+        self._asked: Future | None = None  # of the tracker, which has not answered yet
 
     def perform(self, command: Command, done: Callable[[str], None]) -> None:
         """Begin a command. One that cannot be done changes nothing.
@@ -72,15 +73,19 @@ class RigCommands:
 
         def answered(future: Future) -> None:
             answer = future.result()
-            if answer.success:
-                self._following, self._cue = True, None
+            if future is self._asked:  # else another command has come since
+                self._asked = None
+                if answer.success:
+                    self._following, self._cue = True, None
             done('' if answer.success else answer.message or 'the tracker refuses')
-        self._select.call_async(SelectTarget.Request(id=target)).add_done_callback(answered)
+        self._asked = self._select.call_async(SelectTarget.Request(id=target))
+        self._asked.add_done_callback(answered)
 
     def _release(self) -> None:
-        if self._following and self._select.service_is_ready():
+        """Leave the choice to the tracker, which answers in order: also after what it has not answered yet."""
+        if (self._following or self._asked) and self._select.service_is_ready():
             self._select.call_async(SelectTarget.Request(id=BY_POLICY))
-        self._following = False
+        self._following, self._asked = False, None
 
 
 def far_point(cue: LookAt) -> Point:

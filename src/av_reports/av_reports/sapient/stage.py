@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.contacts import BearingTrack, Place, PositionTrack, is_due
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import (
     LONGEST_REASON,
@@ -110,7 +110,7 @@ class SapientStage:
 
     def complaint(self, now: float) -> str:
         """What is wrong with a message of either; empty after AGAIN_S without another one."""
-        return self._session.error if now - self._session.error_time < AGAIN_S else ''
+        return '' if is_due(now, self._session.error_time, AGAIN_S) else self._session.error
 
     def on_connected(self, now: float) -> Reaction:
         """Register with a fusion node that has just been connected to."""
@@ -120,7 +120,7 @@ class SapientStage:
     def on_disconnected(self) -> Reaction:
         """End the task, as nobody watches over it any longer."""
         self._session = _Session()
-        return Reaction(command=self.desk.abandon().command)
+        return Reaction(command=self.desk.abandon())
 
     def on_message(self, data: bytes, place: Place | None, now: float) -> Reaction:
         """Answer a message of the fusion node.
@@ -142,7 +142,8 @@ class SapientStage:
             answer = message.registration_ack
             self._session.accepted = answer.acceptance
             self._session.refusal = '' if answer.acceptance else '; '.join(answer.ack_response_reason)[:LONGEST_REASON]
-        elif kind == 'error':
+            return Reaction(command=None if answer.acceptance else self.desk.abandon())
+        if kind == 'error':
             self.counts['errors of the fusion node'] += 1
             words = '; '.join(message.error.error_message)[:LONGEST_REASON] or 'without words'
             self._session.error, self._session.error_time = f'reports an error: {words}', now
@@ -150,6 +151,8 @@ class SapientStage:
             self._tasker = message.node_id
             if message.task.control == Task.CONTROL_START and message.task.command.WhichOneof('command') == 'request':
                 return self._on_request(message.task, now)
+            if not self.accepted:
+                return self._answer(self.desk.refuse(message.task.task_id, 'this node is not registered'), now)
             return self._answer(self.desk.on_task(message.task, place, now), now)
         return Reaction()
 
@@ -182,9 +185,9 @@ class SapientStage:
             command = ended.command or command
         for track in tracks:
             due = reported[track.id][1] if track.id in reported else now
-            if now >= due:
+            if not due - REPORT_S <= now < due:
                 # On a grid of its own: what is looked for some times a second is else reported at a fraction of that rate.
-                reported[track.id] = (track, due + REPORT_S if now - due < REPORT_S else now + REPORT_S)
+                reported[track.id] = (track, due + REPORT_S if 0.0 <= now - due < REPORT_S else now + REPORT_S)
                 messages.append(self._detection(track, now))
         return Reaction(tuple(messages), command)
 
@@ -196,11 +199,11 @@ class SapientStage:
             now (s): the time.
         """
         if not self.accepted:
-            return self.on_connected(now) if now - self._session.registered >= AGAIN_S else Reaction()
+            return self.on_connected(now) if is_due(now, self._session.registered, AGAIN_S) else Reaction()
         ended = self._answer(self.desk.on_time(now), now)
         shown = (health, self._task)
         changed = shown != self._session.shown
-        if changed or now - self._session.status_sent >= STATUS_S:
+        if changed or is_due(now, self._session.status_sent, STATUS_S):
             self._session.shown, self._session.status_sent = shown, now
             return ended._replace(messages=(*ended.messages, self._status(health, changed, now)))
         return ended
@@ -231,7 +234,7 @@ class SapientStage:
         self._session.error_time = now
         self._session.error = (f'sends what cannot be read by {ICD_VERSION}, the only version spoken here: '
                                f'{reason[:LONGEST_REASON]}')
-        if now - self._newest_error < ERROR_INTERVAL_S:
+        if not is_due(now, self._newest_error, ERROR_INTERVAL_S):
             return Reaction()
         self._newest_error = now
         error = Error(packet=data[:LONGEST_PACKET], error_message=[reason[:LONGEST_REASON]])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from av_reports.contacts import Place
+from av_reports.contacts import Place, is_due
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import task_ack
 from av_reports.sapient.protocol import Task, TaskAck
-from av_reports.sapient.tasks import ActiveTask, RefusedTaskError, active_task
+from av_reports.sapient.tasks import LONGEST_S, ActiveTask, RefusedTaskError, active_task
 from av_reports.tasking import Command, Follow, Stop
 
 SETTLE_S = 5.0  # time in which the rig must have said whether it can
@@ -79,7 +79,7 @@ class TaskDesk:
             return Answer()
         (begun, _), self._asked = self._asked, None
         if reason:
-            return self.refuse(begun.task_id, reason)
+            return self.refuse(begun.task_id, reason)._replace(command=self._left)
         self.accepted += 1
         former, self.active = self.active, begun
         acks = [task_ack(begun.task_id, TaskAck.TASK_STATUS_ACCEPTED)]
@@ -95,16 +95,21 @@ class TaskDesk:
 
     def on_time(self, now: float) -> Answer:
         """End what has taken its time."""
-        if self._asked and now - self._asked[1] > SETTLE_S:
+        if self._asked and is_due(now, self._asked[1], SETTLE_S):
             return self.on_done(self._asked[0].command, 'the rig does not answer')
-        if self.active and now >= self.active.end:
+        if self.active and is_due(now, self.active.end - LONGEST_S, LONGEST_S):
             return self._end(self.active, TaskAck.TASK_STATUS_COMPLETED, 'its time is over')
         return Answer()
 
-    def abandon(self) -> Answer:
-        """End the task without a word: nobody watches over it any longer."""
+    def abandon(self) -> Stop | None:
+        """End the task without a word: nobody watches over it any longer. Returns what the rig is to do."""
         performing, self._asked, self.active = self._asked or self.active, None, None
-        return Answer(command=Stop() if performing else None)
+        return Stop() if performing else None
+
+    @property
+    def _left(self) -> Command | None:
+        """What the rig is to do where a task has ended: the one that remains, or nothing; None while another is beginning."""
+        return None if self._asked else self.active.command if self.active else Stop()
 
     def _stop(self, task_id: str) -> Answer:
         if self._asked and self._asked[0].task_id == task_id:
@@ -113,11 +118,11 @@ class TaskDesk:
             self.active = None
         else:
             raise RefusedTaskError('this node does not perform that task')
-        return Answer((task_ack(task_id, TaskAck.TASK_STATUS_COMPLETED, 'stopped'),), Stop())
+        return Answer((task_ack(task_id, TaskAck.TASK_STATUS_COMPLETED, 'stopped'),), self._left)
 
     def _end(self, task: ActiveTask, status: int, reason: str) -> Answer:
         self.active = None
-        return Answer((task_ack(task.task_id, status, reason),), Stop())
+        return Answer((task_ack(task.task_id, status, reason),), self._left)
 
     def refuse(self, task_id: str, reason: str) -> Answer:
         """Refuse a task.

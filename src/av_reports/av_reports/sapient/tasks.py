@@ -46,8 +46,8 @@ def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) 
         place: where the rig stands; None while unknown.
         now (s): UTC since 1970.
     """
-    start = task.task_start_time.ToNanoseconds() * 1e-9 if task.HasField('task_start_time') else now
-    end = task.task_end_time.ToNanoseconds() * 1e-9 if task.HasField('task_end_time') else now + LONGEST_S
+    start = _seconds(task.task_start_time) if task.HasField('task_start_time') else now
+    end = _seconds(task.task_end_time) if task.HasField('task_end_time') else now + LONGEST_S
     if start > now + 1.0:
         raise RefusedTaskError('tasks that begin later are not supported')
     if end <= now:
@@ -62,6 +62,11 @@ def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) 
     else:
         raise RefusedTaskError(f'{kind or "a task without a command"} is not supported, only look_at and follow')
     return ActiveTask(task.task_id, min(end, now + LONGEST_S), command)
+
+
+def _seconds(stamp: Any) -> float:
+    """A Timestamp in s; those of protobuf convert none that is out of its bounds."""
+    return float(stamp.seconds + 1e-9 * stamp.nanos)
 
 
 def _region(regions: Sequence[Any], kind: str | None) -> LookAt:
