@@ -26,6 +26,7 @@ MOST_POSITION_M = 1e6  # of a rig or target, along each axis
 LONGEST_S = 1.0  # from the first direction of a report to the newest one
 LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed
 LEAST_INFORMATION = 1.0 / (math.pi**2 / 3.0)  # 1/rad^2, of an angle that may be anything
+MOST_INFORMATION = 1e12  # 1/rad^2; of more, the determinant is lost in rounding
 ASSUMED_DISTANCE_M = 100.0  # of a target whose distance is not known, and the standard deviation of that
 
 
@@ -59,7 +60,7 @@ def version_of(data: bytes) -> int:
 
 
 def report_of(message: RigReport, rig: str, position: NDArray[np.float64], heading: float) -> Report:
-    """The report in a rig's message. Raises ValueError for more than MOST_TRACKS directions.
+    """The report in a rig's message. Raises ValueError for more than MOST_TRACKS directions, or several of one track.
 
     Targets that do not probably exist, and those with impossible angles or variances, are left out.
 
@@ -71,6 +72,8 @@ def report_of(message: RigReport, rig: str, position: NDArray[np.float64], headi
     """
     if len(message.directions) > MOST_TRACKS:
         raise ValueError(f'{len(message.directions)} targets of {rig}, expected up to {MOST_TRACKS}')
+    if len({one.id for one in message.directions}) < len(message.directions):
+        raise ValueError(f'several directions of one target of {rig}')
     stamp = to_seconds(message.header.stamp)
     sightings = [_sighting(one, heading, stamp) for one in message.directions if one.existence >= LEAST_EXISTENCE]
     return Report(rig, stamp, position, tuple(one for one in sightings if one is not None))
@@ -83,12 +86,15 @@ def _sighting(one: TargetDirection, heading: float, stamp: float) -> Sighting | 
     known = 0.0 <= horizontal < math.inf and 0.0 <= vertical < math.inf and horizontal + vertical > LEAST_INFORMATION
     if not possible or not known or math.isnan(both) or not 0.0 <= stamp - measured <= LONGEST_S:
         return None
+    horizontal, vertical = min(horizontal, MOST_INFORMATION), min(vertical, MOST_INFORMATION)
     most = math.sqrt(horizontal * vertical)  # of a single angle, information is singular, and rounded
     both = min(max(both, -most), most)
     information = np.array([[horizontal, both], [both, vertical]]) + LEAST_INFORMATION * np.eye(2)
     covariance = np.linalg.inv(information) + LEAST_SIGMA**2 * np.eye(2)
+    drone = float(one.drone_probability)
     return Sighting(one.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured, not one.seen,
-                    float(one.existence), float(one.drone_probability), str(one.class_id)[:32], bool(one.resolved))
+                    min(float(one.existence), 1.0), drone if 0.0 <= drone <= 1.0 else math.nan, str(one.class_id)[:32],
+                    bool(one.resolved))
 
 
 def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:

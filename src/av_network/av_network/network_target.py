@@ -17,6 +17,7 @@ from av_network.observation import Observation
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
+MOST_CLASSES = 100  # names by which rigs have called a target; detectors know 80
 SUPPORT_S = 1.5  # since a track's newest observation, for which its rig counts as observing the target: six reports
 WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
 
@@ -100,9 +101,9 @@ class NetworkTarget:
         if any(member.last >= time - SUPPORT_S for other, member in self.members.items() if other != one.rig):
             self.supported = max(self.supported, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
-        if sighting.class_id:
+        if sighting.class_id and (sighting.class_id in self.classes or len(self.classes) < MOST_CLASSES):
             self.classes[sighting.class_id] += 1
-        if 0.0 <= sighting.drone_probability <= 1.0:
+        if math.isfinite(sighting.drone_probability):
             p = min(max(sighting.drone_probability, 0.01), 0.99)
             odds = math.log(p / (1.0 - p))
             known = math.isfinite(self.log_odds_drone)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from av_network.observation import Report
 
+PERIOD_S = 0.04  # least time between two reports of a rig that wait
 AWAKE_S = 2.0  # since a rig's newest capture, for which the next one is waited for: some of its reports may be lost
 
 
@@ -17,7 +18,7 @@ class ReportQueue:
     Nodes that receive the same reports use them in the same order, and so come to the same tracks.
 
     Attributes:
-        late: number of reports by rig that arrived too late to be used.
+        late: number of reports by rig that arrived too late to be used, or PERIOD_S from another one of theirs.
 
     Parameters:
         wait (s): longest time from capture to use; reports that arrive later are not used.
@@ -31,7 +32,7 @@ class ReportQueue:
         self.late: dict[str, int] = {}
 
     def put(self, report: Report, captured: float) -> bool:
-        """Add a report; returns False for one that is too late.
+        """Add a report; returns False for one that is too late, or too close to another one of its rig.
 
         Parameters:
             report: of a rig.
@@ -39,7 +40,8 @@ class ReportQueue:
         """
         # A late one, too, tells that its rig is to be waited for; else all of its reports would be late from then on.
         self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
-        if captured <= self._released or any(entry[:2] == (captured, report.rig) for entry in self._heap):
+        if captured <= self._released or any(rig == report.rig and abs(time - captured) < PERIOD_S
+                                             for time, rig, _ in self._heap):
             self.late[report.rig] = self.late.get(report.rig, 0) + 1
             return False
         heapq.heappush(self._heap, (captured, report.rig, report))

@@ -28,7 +28,6 @@ from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
-PERIOD_S = 0.04  # least time between two reports of a rig that are used
 WAIT_S = 1.0  # see `ReportQueue`
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
 
@@ -113,12 +112,12 @@ class NetworkStage:
         index = self.tracker.rigs[rig]
         check_age(rig, arrival - self.tracker.corrected_time(index, stamp),
                   FUTURE_S + CERTAIN * self.tracker.calibration.known(index).clock_sigma)
-        if place.source == ODOMETRY and is_place(message.position):
-            self._positions[rig] = place.position + message.position
+        if place.source == ODOMETRY:
+            self._positions.pop(rig, None)  # without odometry, its heading is not known either
+            if is_place(message.position):
+                self._positions[rig] = place.position + message.position
         if rig not in self._positions:
             statistics.unplaced += 1
-            return
-        if abs(stamp - statistics.newest) < PERIOD_S:
             return
         statistics.newest = max(stamp, statistics.newest)
         self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}

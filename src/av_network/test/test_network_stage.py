@@ -127,6 +127,8 @@ def test_positions_by_odometry_and_by_satellites():
     moved.position[1:] = 0.0
     stage.on_report('left', moved, 200, START + 2.0)
     assert stage.output(START + 2.0).rigs[0].position.x == -18.0
+    stage.on_report('left', report('left', START + 2.5), 200, START + 2.5)
+    assert math.isnan(stage.output(START + 2.5).rigs[0].position.x), 'without odometry, its place is not known any more'
     datum = Datum(48.0, 11.0, 500.0)
     stage = stage_of(source=FIX, datum=datum)
     with pytest.raises(ValueError, match='left has no fix'):
@@ -158,7 +160,7 @@ def test_impossible_tracks_are_left_out(values):
 
 def test_singular_or_huge_information_is_not_believed():
     """A single angle, a correlation of 1 or more, or no error at all gives a finite position."""
-    for information in ([1e4, 1e4, 1e4], [1e4, 3e4, 1e4], [1e30, 0.0, 1e30], [1e4, 0.0, 0.0]):
+    for information in ([1e4, 1e4, 1e4], [1e4, 3e4, 1e4], [1e30, 0.0, 1e30], [1e17, 1e17, 1e17], [1e4, 0.0, 0.0]):
         message = run(stage_of(), ('left', 'right'), information=np.array(information, np.float32))
         for track in message.tracks:
             assert np.all(np.linalg.eigvalsh(track.position_covariance.reshape(3, 3)) > 0.0)
@@ -183,6 +185,32 @@ def test_stamps_of_another_clock_and_too_many_tracks_are_refused():
     message.directions = message.directions * 51
     with pytest.raises(ValueError, match='51 targets of left'):
         stage.on_report('left', message, 200, START)
+    message.directions = message.directions[:2]
+    with pytest.raises(ValueError, match='several directions of one target of left'):
+        stage.on_report('left', message, 200, START)
+
+
+def test_probabilities_that_are_none_are_not_passed_on():
+    """From one rig, as a direction, and from two, as a position; names of ever more classes take no memory."""
+    for names in (('left',), ('left', 'right')):
+        (track,) = run(stage_of(), names, existence=1e30, drone_probability=7.0).tracks
+        assert track.existence <= 1.0 and math.isnan(track.drone_probability)
+    stage = stage_of()
+    for step in range(600):
+        time = START + 0.05 * step
+        for name in ('left', 'right'):
+            stage.on_report(name, report(name, time, class_id=f'kind {step}'), 200, time)
+        stage.output(time)
+    (target,) = stage.tracker.hypotheses
+    assert len(target.classes) == 100
+
+
+def test_no_rig_reports_faster_than_it_may():
+    """In whatever order."""
+    stage = stage_of()
+    for step in range(1000):
+        stage.on_report('left', report('left', START - 0.001 * step), 200, START)
+    assert len(list(stage.queue.ready(START + 9.0))) == 25 and stage.queue.late == {'left': 975}
 
 
 def test_a_clock_that_is_set_back_starts_anew():
