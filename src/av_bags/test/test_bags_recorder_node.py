@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from av_bags.nodes.recorder_node import RecorderNode, numbered
+from av_bags.nodes.recorder_node import RecorderNode, compress, numbered
 from av_bags.reader import Bag
 from av_bags.topics import KINDS
 from av_common.launched import RESTARTS
@@ -62,6 +62,13 @@ class Rig:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
+
+
+@pytest.mark.parametrize('data', [b'', b'\0'])
+def test_an_image_without_content_is_refused(data):
+    """The middleware reads beyond its end, and ends the process."""
+    with pytest.raises(ValueError, match='bytes'):
+        compress(data)
 
 
 @pytest.fixture

@@ -6,7 +6,9 @@ import re
 import socket
 import subprocess
 import sys
+from collections import Counter
 from contextlib import suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
-from av_evaluation.network.city import NAMES, Cell, Grid, Names, World, all_cells
+from av_evaluation.cli.city import _take
+from av_evaluation.network.city import NAMES, TRACKS, Cell, Grid, Names, World, all_cells
 from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
 
 GRID = Grid(2, 100.0, 100.0)
@@ -74,6 +77,13 @@ def test_a_report_without_a_place_or_of_another_time_is_refused(place, late):
     assert not cell.tracker.rigs
     with pytest.raises(ValueError, match='rig reports by version 0'):
         cell.on_report('rig', RigReport(), 0.0)
+
+
+def test_a_message_without_content_is_refused():
+    """The middleware reads beyond its end, and ends the process."""
+    counts = Counter()
+    _take(SimpleNamespace(payload=SimpleNamespace(to_bytes=bytes), key_expr=f'{TRACKS}/0/0'), [], counts, [])
+    assert counts['refused'] == 1
 
 
 def neighbours_track(**values):

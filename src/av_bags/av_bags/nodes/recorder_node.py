@@ -13,7 +13,7 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import QosDurability, QosReliability
 from rosidl_runtime_py.utilities import get_message
@@ -22,6 +22,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from av_bags.background_writer import BackgroundWriter
 from av_bags.nodes.recorder_node_parameters import recorder_node as parameters
 from av_bags.writer import DEFAULT_QOS
+from av_common.guarded_node import decode
 from av_common.launched import restarts
 from av_common.node import RigNode, run
 from av_vision.messages import encoding_of, image_from_message
@@ -40,7 +41,7 @@ def compress(data: bytes) -> bytes:
 
     Raises ValueError for pixels of other types, which neither format can hold, and for unreadable images.
     """
-    message = deserialize_message(data, Image)
+    message = decode(Image, data)
     image = image_from_message(message)
     if image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f'images of encoding {message.encoding} cannot be compressed; record them raw')

@@ -18,8 +18,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 
+from av_common.guarded_node import decode
 from av_common.stamps import to_seconds
 from av_evaluation.network.city import REPORTS, TRACKS, Cell, Grid, Names, World, all_cells
 from av_interfaces.msg import RigReport, WorldTrackArray
@@ -77,7 +78,7 @@ def _watch(options: argparse.Namespace, begin: float, again: Callable[[], Any], 
     names, world = Names(grid, options.drones), World(grid, options.rigs, options.drones, options.seed)
 
     def take(sample: Any) -> None:
-        message = deserialize_message(sample.payload.to_bytes(), WorldTrackArray)
+        message = decode(WorldTrackArray, sample.payload.to_bytes())
         with lock:
             for one in message.tracks:
                 place, speed = ([part.x, part.y, part.z] for part in (one.position, one.velocity))
@@ -159,11 +160,11 @@ def _take(sample: Any, takers: Sequence[Cell], counts: Counter[str], delays: lis
     counts.update({'received': 1, 'received bytes': len(data)})
     try:
         if key.startswith(TRACKS):
-            tracks = deserialize_message(data, WorldTrackArray)
+            tracks = decode(WorldTrackArray, data)
             for cell in takers:
                 cell.on_tracks(tracks, time.time())
         elif len(data) > len(QUIET):
-            message = deserialize_message(data, RigReport)
+            message = decode(RigReport, data)
             for cell in takers:
                 cell.on_report(key.rsplit('/', 1)[1], message, time.time())
             delays.append(time.time() - to_seconds(message.header.stamp))
