@@ -1,7 +1,8 @@
 """The web server of the page and its viewers, in a thread of its own.
 
 Each viewer asks for the next update when it has shown the previous one; updates are encoded once and broadcast. The numbers of
-holders of the token, and of others, the guests, are limited. Whoever does not ask is dropped, so that nothing piles up.
+holders of the token, and of others, the guests, are limited. Whoever does not ask, or does not read what it asked for, is
+dropped, so that nothing piles up.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from av_view.feed import Feed, Position
 
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
+MOST_UNREAD = 4_000_000  # bytes that wait for a viewer: several updates; a viewer asks for the next one when it has read one
 PROTOCOL = Subprotocol('rig')  # a viewer offers this one, and its token as another one
 MOST_HOLDERS, MOST_GUESTS = 20, 20  # beyond which others give way, or guests are refused
 IDLE_S = 3.0  # after which a guest that neither asks nor waits gives way to another one
@@ -262,14 +264,15 @@ class ViewServer:
 
     async def _take(self, viewer: _Viewer, message: str | bytes) -> None:
         """A request of a viewer. One that cannot be used, or one too many, closes its connection."""
-        now = time.monotonic()
-        viewer.asked = now
+        if viewer not in self._viewers:
+            return  # has been dropped
+        viewer.asked = now = time.monotonic()
         viewer.requests = [one for one in viewer.requests if now - one < 1.0] + [now]
         request = _request(message)
         if request is None or len(viewer.requests) > MOST_REQUESTS:
             self._drop(viewer, 'not a request' if request is None else 'too many requests')
-        elif viewer not in self._viewers:
-            return  # has been dropped
+        elif viewer.connection.transport.get_write_buffer_size() > MOST_UNREAD:
+            self._drop(viewer, 'does not read')
         elif request['do'] in ('next', 'watch'):
             if 'rig' in request:
                 viewer.rig, viewer.has_chosen, viewer.position = str(request['rig'])[:200], True, Position()

@@ -163,6 +163,21 @@ def test_a_stalled_viewer_holds_up_nobody_and_nothing_piles_up(page):
             stalled.recv(timeout=0.3)
 
 
+def test_who_asks_again_and_again_without_reading_is_dropped(page):
+    page.publish(bytes(1_000_000))
+    ask = b'{"do": "watch", "rig": ""}'
+    with page.viewer() as other, socket.create_connection(('127.0.0.1', page.server.port)) as greedy:
+        update(other)
+        greedy.sendall(b'GET /feed HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
+                       b'Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n')
+        assert wait_for(lambda: page.server.viewers == 2)
+        greedy.sendall(40 * (bytes([0x81, 0x80 | len(ask)]) + bytes(4) + ask))    # masked by zeros
+        assert wait_for(lambda: page.server.viewers == 1)
+        assert wait_for(lambda: page.server.refused == 1)
+        page.publish()
+        assert update(other)[1]['state'] == {'number': 2}
+
+
 def test_all_guests_get_each_update_and_further_ones_are_refused(page):
     with ExitStack() as stack:
         guests = [stack.enter_context(page.viewer()) for _ in range(MOST_GUESTS)]
