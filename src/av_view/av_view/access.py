@@ -51,7 +51,7 @@ class Access:
 
     def may_control(self, token: object) -> bool:
         """Whether a token is the right one; compared in constant time."""
-        return bool(self.token) and isinstance(token, str) and hmac.compare_digest(token.encode(), self.token.encode())
+        return bool(self.token) and isinstance(token, str) and token.isascii() and hmac.compare_digest(token, self.token)
 
     def _is_known(self, name: str) -> bool:
         """An address cannot be pointed elsewhere, other names must be known."""

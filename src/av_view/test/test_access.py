@@ -33,7 +33,7 @@ def test_other_names_and_pages_are_refused(hosts, origins):
 def test_only_the_token_opens_control():
     assert len(OPEN.token) >= 32 and Access(control=True).token != OPEN.token
     assert OPEN.may_control(OPEN.token)
-    for wrong in ('', OPEN.token[:-1], OPEN.token + 'x', 'ü', None, 7, [OPEN.token]):
+    for wrong in ('', OPEN.token[:-1], OPEN.token + 'x', 'ü', '\udcff', None, 7, [OPEN.token]):
         assert not OPEN.may_control(wrong)
 
 
