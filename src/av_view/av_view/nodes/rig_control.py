@@ -122,6 +122,8 @@ class RigControl:
         answer: Future[dict[str, Any]] = Future()
 
         def begin() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return  # nobody waits any more: it was told that no answer came
             try:
                 start(answer.set_result)
             except Exception as error:  # noqa: BLE001  goes to the viewer, by the thread that waits
