@@ -24,11 +24,11 @@ def spectrum(samples: ArrayLike, rate: float) -> NDArray[np.float64]:
         samples (n, channels): sound, full scale is -1 to 1.
         rate (Hz): of the samples.
 
-    Raises ValueError for less than two samples or a rate that is not positive.
+    Raises ValueError for less than three samples, samples that are no numbers, or a rate that is not positive.
     """
     block = np.asarray(samples, float)
-    if block.ndim != 2 or len(block) < 2 or not rate > 0.0:
-        raise ValueError(f'{block.shape} samples at {rate} Hz have no spectrum')
+    if block.ndim != 2 or len(block) < 3 or not (rate > 0.0 and np.isfinite(block).all()):    # a window of two is of zeros
+        raise ValueError(f'{block.shape} samples at {rate} Hz, some of which may be no numbers, have no spectrum')
     window = np.hanning(len(block))
     lines = np.fft.rfft(block * window[:, None], axis=0)
     power = np.square(np.abs(lines)).mean(axis=1) * 2.0 / (np.square(window).sum() * len(block))  # by Parseval, one-sided

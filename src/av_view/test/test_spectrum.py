@@ -32,7 +32,8 @@ def test_nothing_is_heard_above_half_the_rate():
     assert spectrum(np.zeros((512, 2)), 48_000) == pytest.approx(FLOOR_DB, abs=1e-6)
 
 
-@pytest.mark.parametrize(('samples', 'rate'), [(np.zeros((1, 2)), 48_000), (np.zeros(100), 48_000), (np.zeros((100, 2)), 0)])
+@pytest.mark.parametrize(('samples', 'rate'), [(np.zeros((1, 2)), 48_000), (np.zeros(100), 48_000), (np.zeros((100, 2)), 0),
+                                               (np.ones((2, 2)), 48_000), (np.full((100, 2), np.nan), 48_000)])
 def test_no_sound_is_an_error(samples, rate):
     with pytest.raises(ValueError, match='no spectrum'):
         spectrum(samples, rate)
