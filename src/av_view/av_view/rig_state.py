@@ -156,7 +156,7 @@ class RigState:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
-            'bearing': self._bearing_part(), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
+            'bearing': self._bearing_part(now), 'fusion': self._fusion_part(now), 'sound': self._sound_part(now),
             'sight': self._sight_part(now), 'picture': self._picture_part(now), 'cameras': self._cameras_part(),
             'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
             'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
@@ -172,8 +172,8 @@ class RigState:
         message = self._fresh('world', now)
         return None if message is None else world_part(message)
 
-    def _bearing_part(self) -> dict[str, Any] | None:
-        message = self.newest.get('bearing')
+    def _bearing_part(self, now: float) -> dict[str, Any] | None:
+        message = self._fresh('bearing', now)
         if message is None:
             return None
         return {
@@ -210,8 +210,8 @@ class RigState:
             return []
         return [round(float(value), 3) for value in np.asarray(message.probability, float) / max(message.probability)]
 
-    def _fusion_part(self) -> dict[str, Any] | None:
-        message = self.newest.get('fusion')
+    def _fusion_part(self, now: float) -> dict[str, Any] | None:
+        message = self._fresh('fusion', now)
         if message is None:
             return None
         return {

@@ -37,6 +37,15 @@ def test_a_bearing_in_degrees():
     assert state.snapshot(NOW)['heading'] == pytest.approx(math.degrees(0.4), abs=0.06)
 
 
+def test_a_bearing_that_comes_no_more_is_not_shown_as_the_present_one():
+    state = RigState()
+    state.on_bearing(bearing(), NOW)
+    state.take('fusion', FusionState(header=bearing().header, reason='heard'))
+    assert state.snapshot(NOW + 0.5)['fusion']['reason'] == 'heard'
+    snapshot = state.snapshot(NOW + 5.0)
+    assert snapshot['bearing'] is None and snapshot['fusion'] is None
+
+
 def test_a_bearing_without_a_target_shows_nothing():
     state = RigState()
     state.cameras['camera'] = CAMERA
@@ -160,7 +169,8 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
         state.on_bearing(bearing(azimuth=math.nan), NOW)
     state.on_doa(DoaArray(level=value, header=heard()[0].header),
                  [DoaMeasurement(NOW, (Hypothesis(value, value),) * 2, value)])
-    state.take('fusion', FusionState(sound_confidence=value, visibility=value, front_probability=value))
+    state.take('fusion', FusionState(header=heard()[0].header, sound_confidence=value, visibility=value,
+                                     front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
     state.take('detections', seen(value, value, value, value, value))
     state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))

@@ -93,8 +93,8 @@ class Rig:
         now = self.view.now()
         self.posteriors.publish(AzimuthPosterior(header=Header(stamp=to_stamp(now)), probability=[0.0, 0.5]))
         self.worlds.publish(WorldTrackArray(header=Header(stamp=to_stamp(now))))
-        self.bearings.publish(Bearing(state=Bearing.STATE_VISUAL_ACTIVE, azimuth=self.azimuth, azimuth_variance=0.01,
-                                      measured=to_stamp(now)))
+        self.bearings.publish(Bearing(header=Header(stamp=to_stamp(now)), state=Bearing.STATE_VISUAL_ACTIVE,
+                                      azimuth=self.azimuth, azimuth_variance=0.01, measured=to_stamp(now)))
         self.stamps.append(now)
         self.images.publish(image_message(Header(stamp=to_stamp(now)), np.full((480, 960, 3), 90, np.uint8)))
         self.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='pointing_node: status', message='active')]))
