@@ -348,6 +348,21 @@ def test_by_default_it_is_read_only(rig):
         assert 'read-only' in ask(viewer, do='enable', value=True)['words'] and rig.enabled == []
 
 
+def test_a_private_address_that_cannot_be_written_leaves_no_server_behind(tmp_path, monkeypatch):
+    (tmp_path / 'home').touch()
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    rclpy.init(args=['--ros-args', '-p', f'port:={port}', '-p', 'view_control:=true', '-p', 'autostart:=false'])
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'home'))
+    node = ViewNode()
+    node.configure()
+    for _ in range(2):
+        with pytest.raises(FileExistsError):
+            node.activate()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
 def test_a_port_in_use_ends_the_process_and_names_the_argument():
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]

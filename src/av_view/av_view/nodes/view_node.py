@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import time
+from contextlib import suppress
 from functools import partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,7 +66,7 @@ class ViewNode(RigNode):
         self._own = self.get_namespace().rstrip('/')
 
     def activate(self) -> None:
-        """Serve the page. Raises OSError where the address cannot be bound."""
+        """Serve the page. Raises OSError where the address cannot be bound, or the one with the token not be written."""
         settings = self._settings
         self._control = RigControl(self, BagFolder(settings.bags))
         self.server = ViewServer(settings.bind_address, settings.port, self._access, self._control.act)
@@ -76,7 +77,11 @@ class ViewNode(RigNode):
                 self.finish()  # started by hand: nobody is served by waiting
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for a '
                           f'second one: --ros-args -p port:={settings.port + 1}, or port of view_node in params:=') from error
-        self._announce()
+        try:
+            self._announce()
+        except OSError:
+            self.server.stop()    # the next attempt needs its port
+            raise
         if self._owns_process:
             lower_priority(NICENESS)
         self._diagnostics = self.create_reader(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
@@ -127,10 +132,10 @@ class ViewNode(RigNode):
             watched: namespaces of rigs on the page, which wants pictures, too.
             now (s): the present.
         """
-        for rig in wanted:
-            if rig not in self._watches and (rig == self._own or rig in self._rigs()):
-                self._watches[rig] = self._watch(rig)
-                self._looked = 0.0
+        new = wanted - self._watches.keys()    # by what viewers say, who may say anything
+        for rig in new & {self._own, *self._rigs()} if new else ():
+            self._watches[rig] = self._watch(rig)
+            self._looked = 0.0
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
             if now - watch.seen > LINGER_S:
@@ -158,12 +163,9 @@ class ViewNode(RigNode):
 
     def _rigs(self) -> tuple[str, ...]:
         """Namespaces in which a bearing is published or read by others than this node, its own first."""
-        found = []
-        for topic, _ in self.get_topic_names_and_types():
-            rig = topic.removesuffix(BEARING)
-            others = self.count_publishers(topic) + self.count_subscribers(topic) - (rig in self._watches)
-            if topic.endswith(BEARING) and others > 0:
-                found.append(rig)
+        rigs = [topic.removesuffix(BEARING) for topic, _ in self.get_topic_names_and_types() if topic.endswith(BEARING)]
+        found = [rig for rig in rigs if self.count_publishers(rig + BEARING) + self.count_subscribers(rig + BEARING)
+                 > (rig in self._watches)]
         return tuple(sorted(found, key=lambda rig: (rig != self._own, rig)))
 
     def _watch(self, rig: str) -> RigWatch:
@@ -189,7 +191,8 @@ def lower_priority(niceness: int) -> None:
         niceness: 0 to 19.
     """
     for thread in Path('/proc/self/task').iterdir():
-        os.setpriority(os.PRIO_PROCESS, int(thread.name), niceness)
+        with suppress(ProcessLookupError):    # it has just ended
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), niceness)
 
 
 def main() -> None:
