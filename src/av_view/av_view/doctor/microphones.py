@@ -152,7 +152,7 @@ def claps(samples: NDArray, rate: float) -> list[NDArray]:
     power = np.concatenate([[0.0], np.cumsum(np.square(samples, dtype=float).sum(axis=1))])
     smooth = (power[length:] - power[:-length]) / length  # from each sample on
     least, apart, found = np.median(smooth) * 10.0 ** (0.1 * CLAP_DB), int(CLAPS_APART_S * rate), []
-    while (peak := int(smooth.argmax())) >= 0 and smooth[peak] > least:
+    while smooth[peak := int(smooth.argmax())] > least:
         middle = peak + length // 2
         found.append(samples[max(middle - length, 0):middle + length])
         smooth[max(peak - apart, 0):peak + apart] = 0.0

@@ -36,7 +36,7 @@ function reasonWords(bearing, fusion) {
     .replace(/(heard|seen) at ([+-]?\d+) deg, judged not a drone \((0?\.\d+|1\.0*|0)\)/, (_, sense, azimuth, p) => `${sense} at ${azimuth}° and not followed: a drone to ${percent(Number(p))} only`)
     .replace(/^sight confidence [\d.]+ >= [\d.]+$/, '')
     .replace(/sight confidence ([\d.]+) < ([\d.]+)/, (_, score, least) => `seen to ${percent(Number(score))}, ${percent(Number(least))} are needed`)
-    .replace('no recent image', 'no recent image').replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard recently')
+    .replace(' and no recent direction of arrival that fits the track: it is predicted', ', and not heard recently')
     .replace(/(\S+) has (\d+) publishers \(([^)]*)\)/g, (_, topic, count, names) => `${INPUTS[topic] ?? topic} come from ${count} programs (${names}) and are not used`);
   const missing = fusion.missing.map(name => INPUTS[name] ?? name);
   return [reason, missing.length ? `${listed(missing)} ${missing.length > 1 || /^d/.test(missing[0]) ? 'are' : 'is'} missing` : ''].filter(Boolean).join('; ');
