@@ -15,10 +15,11 @@ import pytest
 from scipy.signal import butter, resample_poly, sosfilt
 
 from av_common.microphone_array import MicrophoneArray
+from av_common.rig import load_rig
 from av_view.cli import doctor
 from av_view.doctor import program
 from av_view.doctor.cameras import judge_images
-from av_view.doctor.files import judge_files
+from av_view.doctor.files import detector_settings, judge_files
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
@@ -26,6 +27,7 @@ from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
 RATE = 48_000
 PAIR = MicrophoneArray.load(CONFIG / 'arrays' / 'two_microphones.yaml')
+RIG = load_rig(CONFIG / 'rig.yaml')
 SQUARE = MicrophoneArray.load(CONFIG / 'arrays' / 'quadrotor_square.yaml')
 
 
@@ -99,8 +101,16 @@ def test_the_detector_is_timed_as_the_node_uses_it(tmp_path, monkeypatch):
     parameters = tmp_path / 'params.yaml'
     for regions in (1, 3):
         parameters.write_text(f'/**/detector_node: {{ros__parameters: {{regions: {regions}}}}}')
-        program._detector([parameters], (480, 640), 15.0)
+        program._detector(detector_settings(RIG, [parameters]), (480, 640), 15.0)
     assert '(1 regions)' in seen[0][2] and '(3 regions)' in seen[1][2] and seen[0][0] > 0.0
+
+
+def test_the_machine_is_timed_with_the_camera_of_the_rig(monkeypatch):
+    """A thermal detector searches all of each image, whose size the description tells."""
+    seen = []
+    monkeypatch.setattr(program, '_detector', lambda settings, size, rate: seen.append((settings.camera_kind, size)))
+    program.machine(load_rig(CONFIG / 'rig_thermal.yaml'), [CONFIG / 'rig_params.yaml'])
+    assert seen == [('thermal', (256, 320))]
 
 
 @pytest.mark.parametrize('array', [PAIR, SQUARE])
@@ -228,21 +238,24 @@ def test_the_camera_is_opened_as_the_node_does(tmp_path):
         writer.write(image)
     writer.release()
     parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{file}"}}}}')
-    assert levels(program.camera(None, [parameters], 0.3)) == ['ok']
+    assert levels(program.camera(RIG, [parameters], 0.3)) == ['ok']
+    parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{file}", pixel_format: Y16}}}}')
+    (finding,) = program.camera(RIG, [parameters], 0.3)
+    assert finding.level == 'error' and 'no images of Y16' in finding.words
     parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{tmp_path}/none"}}}}')
-    (finding,) = program.camera(None, [parameters], 0.3)
+    (finding,) = program.camera(RIG, [parameters], 0.3)
     assert finding.level == 'error' and 'absent or in use' in finding.words
 
 
 def test_a_machine_without_the_device_is_told_so(tmp_path):
     parameters = tmp_path / 'params.yaml'
     parameters.write_text('/**/audio_node: {ros__parameters: {device: no such device}}')
-    (finding,) = program.microphones(None, [parameters], 0.1, None)
+    (finding,) = program.microphones(RIG, [parameters], 0.1, None)
     assert finding.level == 'error' and finding.remedy
 
 
 def run(capsys, monkeypatch, finding, *words):
-    monkeypatch.setattr(program, 'machine', lambda _: [finding])
+    monkeypatch.setattr(program, 'machine', lambda *_: [finding])
     with pytest.raises(SystemExit) as end:
         doctor.main(['--only', 'files', 'machine', *words])
     return end.value.code, capsys.readouterr().out

@@ -75,7 +75,7 @@ def look(options: argparse.Namespace) -> list[Finding]:
         'files': lambda: found, 'devices': program.devices,
         'microphones': lambda: listen(options, rig, parameter_files),
         'camera': lambda: program.camera(rig, parameter_files, options.seconds),
-        'machine': lambda: program.machine(parameter_files), 'px4': program.px4}
+        'machine': lambda: program.machine(rig, parameter_files), 'px4': program.px4}
     findings: list[Finding] = []
     for area in AREAS:
         if area in options.only and not any(one.area == area and one.level == 'error' for one in findings):

@@ -46,15 +46,22 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
                              f'{rig.camera.width}x{rig.camera.height}, {rig.camera.horizontal_fov_deg:.0f} degrees')], rig
 
 
-def camera_settings(rig: Rig | None, parameter_files: Sequence[str | Path], **given: Any) -> Any:
-    """The parameters of camera_node as a launch gives them: the camera of the description, then the files, then those `given`.
+def camera_settings(rig: Rig, parameter_files: Sequence[str | Path], **given: Any) -> Any:
+    """The parameters of camera_node as a launch gives them, but for those `given`. Raises as `node_parameters`."""
+    described = {name: getattr(rig.camera, name) for name in ('width', 'height', 'horizontal_fov_deg')}
+    return _launched('camera_node', described, parameter_files, **given)
 
-    Raises as `node_parameters`.
-    """
-    files = {name for file in parameter_files for name in parameters_for(file, '/camera_node')}
-    described = {} if rig is None else {name: getattr(rig.camera, name) for name in ('width', 'height', 'horizontal_fov_deg')
-                                        if name not in files}
-    return node_parameters('av_vision', 'camera_node', parameter_files, {**described, **given})
+
+def detector_settings(rig: Rig, parameter_files: Sequence[str | Path]) -> Any:
+    """The parameters of detector_node as a launch gives them. Raises as `node_parameters`."""
+    return _launched('detector_node', {'camera_kind': rig.camera.images}, parameter_files)
+
+
+def _launched(node: str, described: dict[str, Any], parameter_files: Sequence[str | Path], **given: Any) -> Any:
+    """The parameters of a node: those of the rig's description, then of the files, then those `given`."""
+    files = {name for file in parameter_files for name in parameters_for(file, f'/{node}')}
+    described = {name: value for name, value in described.items() if name not in files}
+    return node_parameters('av_vision', node, parameter_files, {**described, **given})
 
 
 def _array_findings(array: Any, channels: list[int]) -> list[Finding]:

@@ -22,7 +22,7 @@ from av_audio.ring_buffer import RingBuffer
 from av_common.parameters import node_parameters
 from av_common.rig import Rig
 from av_view.doctor.cameras import judge_images
-from av_view.doctor.files import camera_settings
+from av_view.doctor.files import camera_settings, detector_settings
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
@@ -86,7 +86,7 @@ def realsense_devices(rs: Any, devices: Iterable[Any] | None = None) -> list[Fin
     return found
 
 
-def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: float, clap: float | None) -> list[Finding]:
+def microphones(rig: Rig, parameter_files: Sequence[str | Path], seconds: float, clap: float | None) -> list[Finding]:
     """Listen as audio_node does.
 
     Parameters:
@@ -115,14 +115,14 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.ppm)
-    array = rig.array.geometry if rig is not None and rig.array.geometry.channels == len(channels) else None
+    array = rig.array.geometry if rig.array.geometry.channels == len(channels) else None
     found = judge_sound(samples, settings.sample_rate, delivered, hardware, array)
     if clap is not None and array is not None:
         found.append(judge_clap(samples, settings.sample_rate, array, clap))
     return found
 
 
-def camera(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: float) -> list[Finding]:
+def camera(rig: Rig, parameter_files: Sequence[str | Path], seconds: float) -> list[Finding]:
     """Look as camera_node does.
 
     Parameters:
@@ -133,7 +133,8 @@ def camera(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: floa
     settings = camera_settings(rig, parameter_files, source='device')
     kind, _, serial = settings.device.partition(':')
     asked = settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms
-    source = RealSenseSource(serial, *asked) if kind == 'realsense' else Camera(settings.device, *asked)
+    source = RealSenseSource(serial, *asked) if kind == 'realsense' else Camera(
+        settings.device, *asked, pixel_format=settings.pixel_format)
     times: list[float] = []
     images: list[NDArray[Any]] = []
     try:
@@ -150,16 +151,17 @@ def camera(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: floa
     return judge_images(times, images, settings.rate, (settings.width, settings.height))
 
 
-def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:
+def machine(rig: Rig, parameter_files: Sequence[str | Path]) -> list[Finding]:
     """Clock, processor and middleware.
 
     Parameters:
-        parameter_files: of camera_node, for its rate.
+        rig: the description, for the camera.
+        parameter_files: of camera_node and detector_node.
     """
-    camera = node_parameters('av_vision', 'camera_node', parameter_files)
+    camera = camera_settings(rig, parameter_files)
     load = judge_load(os.getloadavg()[0], os.cpu_count() or 1)  # before the detector makes its own
-    size = (camera.height or 480, camera.width or 640)
-    return [judge_clock(_synchronised(), time.time()), load, _detector(parameter_files, size, camera.rate or 10.0),
+    return [judge_clock(_synchronised(), time.time()), load,
+            _detector(detector_settings(rig, parameter_files), (camera.height, camera.width), camera.rate or 10.0),
             *judge_middleware(os.environ, _largest_buffer())]
 
 
@@ -174,15 +176,14 @@ def px4() -> list[Finding]:
     return judge_px4(importlib.util.find_spec('px4_msgs') is not None, any(map(shutil.which, AGENTS)), running, topics)
 
 
-def _detector(parameter_files: Sequence[str | Path], size: tuple[int, int], rate: float) -> Finding:
+def _detector(settings: Any, size: tuple[int, int], rate: float) -> Finding:
     """Time on noise what detector_node does with an image: a search of as many regions as its look_time allows.
 
     Parameters:
-        parameter_files: of detector_node.
+        settings: parameters of detector_node.
         size: height and width of the images.
         rate (Hz): of the camera.
     """
-    settings = node_parameters('av_vision', 'detector_node', parameter_files)
     try:
         detector = make_detection_stage(settings).detector
     except ValueError as error:
