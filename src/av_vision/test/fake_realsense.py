@@ -32,6 +32,7 @@ class FakeRealSense:
         self._profiles[1].register_extrinsics_to(self._profiles[0], extrinsics)
         self.device.create_matcher(rs.matchers.default)
         self._stop, self._thread = threading.Event(), None
+        self.is_blind = False    # gives depth alone
 
     def start(self):
         self._stop.clear()
@@ -70,7 +71,8 @@ class FakeRealSense:
                 frame.frame_number = number
                 if size == 2:
                     frame.depth_units = 0.001
-                sensor.on_video_frame(frame)
+                if size == 2 or not self.is_blind:
+                    sensor.on_video_frame(frame)
             for profile, value in ((self._accel, (0.0, -9.81, 0.0)), (self._gyro, (0.1, 0.2, 0.3))):
                 motion = rs.software_motion_frame()
                 vector = rs.vector()

@@ -78,6 +78,20 @@ def test_a_camera_that_falls_silent_is_told_and_taken_up_again(camera, monkeypat
     assert capture.reconnections >= 1
 
 
+def test_a_camera_whose_colour_ends_is_told_and_taken_up_again(camera, monkeypatch):
+    monkeypatch.setattr('av_vision.sources.realsense.PARTIAL_S', 0.5)
+    images = []
+    capture = Capture(RealSenseSource(device=camera.device, depth=True), images.append, retry_s=0.1)
+    camera.start()
+    capture.start()
+    wait_for(lambda: len(images) > 3)
+    camera.is_blind = True
+    wait_for(lambda: 'no more images of all' in capture.problem)
+    camera.is_blind, before = False, len(images)
+    wait_for(lambda: len(images) > before + 3 and not capture.problem)
+    capture.stop()
+
+
 def test_no_camera_is_an_error_that_says_so():
     with pytest.raises(SourceError, match='no RealSense 4711 is plugged in'):
         RealSenseSource(serial='4711').open()
