@@ -57,7 +57,7 @@ class DetectorNode(RigNode):
         self._waiting: queue.Queue[Image | CompressedImage | None] = queue.Queue(1)
         self._dropped = 0
         self._images, self._took, self._delay = RateMeter(), 0.0, 0.0
-        self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
+        self._worker = threading.Thread(target=self._work, args=(self._waiting,), name='detector', daemon=True)
         self._worker.start()
         subscribe = self.create_subscription
         kind, topic = ((CompressedImage, 'camera/image_raw/compressed') if self.settings.compressed else
@@ -94,8 +94,8 @@ class DetectorNode(RigNode):
             self._dropped += 1
         self._waiting.put(message)
 
-    def _work(self) -> None:
-        while (message := self._waiting.get()) is not None:
+    def _work(self, waiting: queue.Queue[Image | CompressedImage | None]) -> None:
+        while (message := waiting.get()) is not None:    # until None: one that outlives a deactivation takes no later images
             started = time.perf_counter()
             try:
                 self._detect(message)
