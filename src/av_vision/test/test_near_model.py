@@ -32,6 +32,11 @@ def test_small_objects_are_left_to_the_first(tmp_path):
     assert len(detector.detect(np.zeros((SIDE, SIDE, 3), np.uint8))) == 0
 
 
+def test_given_class_names_are_those_of_both_networks(tmp_path):
+    detector = Detector(models(tmp_path), DetectorSettings(class_names=('gull', 'quadcopter', 'box')))
+    assert detector.detect(np.zeros((SIDE, SIDE, 3), np.uint8)).class_names == ('quadcopter', 'gull')
+
+
 @pytest.mark.parametrize(('changes', 'complaint'), [
     ({'near_model': 'gone.onnx'}, 'gone.onnx'), ({'near_model': '../near.onnx'}, 'expected the name of a file beside it'),
     ({'near_names': "['drone', 'bird', 'kite']"}, 'expected those of')])

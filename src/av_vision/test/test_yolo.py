@@ -100,6 +100,17 @@ def test_a_size_for_what_is_near_that_is_none_is_refused(tmp_path, near):
         Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'near_imgsz': near}))
 
 
+@pytest.mark.parametrize('names', ["{None: 'drone'}", "{(1, 2): 'drone'}", "{'one': 'drone'}", "{1e999: 'drone'}"])
+def test_names_without_numbers_are_refused(tmp_path, names):
+    with pytest.raises(ModelError, match='the keys of names'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata={'names': names}))
+
+
+def test_metadata_that_are_no_literals_are_refused_by_their_key(tmp_path):
+    with pytest.raises(ModelError, match='padding'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata={'padding': '{[]: 1}'}))
+
+
 @pytest.mark.parametrize(('output', 'reason'), [
     (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 9)), 'no known YOLO export'),
     (np.zeros((1, 8400, 85)), r'\(1, 3549, 5\+C\)'), (np.zeros((2, 300, 6)), 'expected')])

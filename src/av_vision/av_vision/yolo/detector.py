@@ -76,7 +76,7 @@ class Detector:
             return model
         if Path(name).name != name:
             raise ModelError(f'{path} has near_model {name!r} in its metadata, expected the name of a file beside it')
-        near = Model(path.parent / name, settings.providers, settings.threads, input_size=model.near)
+        near = Model(path.parent / name, settings.providers, settings.threads, settings.class_names, model.near)
         if near.class_names != model.class_names:
             raise ModelError(f'{near.path} has the classes {near.class_names}, expected those of {path}: {model.class_names}')
         return near

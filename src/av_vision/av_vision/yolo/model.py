@@ -174,7 +174,7 @@ class Model:
         names = parsed(self.metadata.get('names', '[]'))
         try:
             names = [names[key] for key in sorted(names, key=int)] if isinstance(names, dict) else names
-        except ValueError as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise ModelError(f'{self.path}: the keys of names in its metadata are no numbers: {one_line(error)}') from error
         return tuple(str(name) for name in names) if isinstance(names, (list, tuple)) else ()
 
@@ -242,6 +242,6 @@ def parsed(text: str) -> object:
     for parse in (ast.literal_eval, json.loads):
         try:
             return parse(text)
-        except (ValueError, SyntaxError, RecursionError, MemoryError):   # nested too deep
+        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):   # nested too deep, or of what has no hash
             continue
     return None
