@@ -36,7 +36,7 @@ from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
 
-from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
+from av_vision.detections import suppress
 from av_vision.score_fusion import ScoreFusionModel, logit
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
@@ -120,7 +120,7 @@ def candidates(network: Network, images: Iterable[tuple[NDArray, NDArray]]) -> t
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
         corners, strides = cells(*fitted.shape[:2])
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
-        kept = suppress(boxes, logits[:, 0] + 10.0, NMS_IOU, NMS_NESTED)
+        kept = suppress(boxes, logits[:, 0] + 10.0)
         found.append(logits[kept])
         hits.append(match(boxes[kept], scale * truth[truth[:, 0] == 0, 1:])[0] >= 0.3)
     return np.concatenate(found), np.concatenate(hits)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-NMS_IOU, NMS_NESTED = 0.5, 0.6    # largest intersection over union of two objects, and share of the smaller one in the other
+IOU, NESTED = 0.5, 0.6    # largest intersection over union of two objects, and share of the smaller one in the other
 
 
 class Boxes:
@@ -64,28 +64,24 @@ class Candidates(Boxes):
         return np.asarray(self.probabilities.max(axis=1, initial=0.0))
 
 
-def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
+def suppress(boxes: NDArray, scores: NDArray) -> NDArray[np.intp]:
     """Indices of the boxes that remain after non-maximum suppression over all classes, by falling score.
 
-    Classes compete, because there is only one object in one place.
+    Classes compete, because there is only one object in one place. Of two boxes that overlap by more than IOU, or of which more
+    than NESTED of the smaller one is in the other, that of the lower score is removed.
 
     Parameters:
         boxes (n, 4) (pixels): x1, y1, x2, y2.
         scores (n,): scores of the boxes.
-        iou (0-1): largest intersection over union of two boxes; otherwise the box of lower score is removed.
-        nested (0-1): largest share of the smaller of two boxes inside the other; otherwise the box of lower score is
-            removed. 1 keeps both.
     """
     if not len(boxes):
         return np.empty(0, np.intp)
     xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).astype(np.float64)
-    selected = np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou), np.intp).reshape(-1)  # type: ignore[arg-type]
-    if nested >= 1.0 or len(selected) < 2:
-        return selected
+    selected = np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, IOU), np.intp).reshape(-1)  # type: ignore[arg-type]
     left = boxes[selected]
     low, high = np.maximum(left[:, None, :2], left[None, :, :2]), np.minimum(left[:, None, 2:], left[None, :, 2:])
     area = np.prod(left[:, 2:] - left[:, :2], axis=1)
-    inside = np.clip(high - low, 0.0, None).prod(axis=2) > nested * np.minimum(area[:, None], area[None])
+    inside = np.clip(high - low, 0.0, None).prod(axis=2) > NESTED * np.minimum(area[:, None], area[None])
     kept = np.ones(len(left), bool)
     for k in range(1, len(left)):
         kept[k] = not (inside[k, :k] & kept[:k]).any()

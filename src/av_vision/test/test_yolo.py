@@ -162,16 +162,15 @@ def test_providers_that_are_not_installed_are_left_out_of_the_order(tmp_path, mo
 
 def test_suppression_keeps_the_best_of_each_place():
     boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [9, 0, 19, 10], [-50, 0, -40, 10]], np.float32)
-    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), 0.5).tolist() == [1, 2, 3]
-    assert suppress(np.empty((0, 4)), np.empty(0), 0.5).size == 0
+    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32)).tolist() == [1, 2, 3]
+    assert suppress(np.empty((0, 4)), np.empty(0)).size == 0
 
 
 def test_a_part_of_a_likelier_thing_is_no_thing_of_its_own():
     boxes = np.array([[0, 0, 40, 40], [5, 5, 15, 15], [30, 30, 50, 50], [6, 6, 14, 14]], np.float32)
     scores = np.array([0.9, 0.8, 0.7, 0.6], np.float32)
-    assert suppress(boxes, scores, 0.5).tolist() == [0, 1, 2]
-    assert suppress(boxes, scores, 0.5, 0.6).tolist() == [0, 2]
-    assert suppress(boxes, scores[::-1].copy(), 0.5, 0.6).tolist() == [3, 2]  # a quarter of the third lies in the first
+    assert suppress(boxes, scores).tolist() == [0, 2]
+    assert suppress(boxes, scores[::-1].copy()).tolist() == [3, 2]  # a quarter of the third lies in the first
 
 
 def test_a_likely_bird_in_the_same_place_is_no_drone(tmp_path):

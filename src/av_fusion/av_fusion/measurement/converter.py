@@ -21,7 +21,7 @@ from av_fusion.measurement.measurements import CameraMeasurement, Detection, Doa
 from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
 from av_fusion.measurement.vectors import ZERO, Vector, rows_of
 from av_interfaces.msg import DoaArray
-from av_vision.detections import NMS_IOU, NMS_NESTED, suppress
+from av_vision.detections import suppress
 
 # From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
@@ -187,7 +187,7 @@ def objects(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     boxes = boxes[np.argsort(-boxes[:, 4], kind='stable')[:MOST_BOXES]]
     half = 0.5 * np.maximum(boxes[:, 2:4], 1.0)
     corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
-    return boxes[suppress(corners, boxes[:, 4], NMS_IOU, NMS_NESTED)]
+    return boxes[suppress(corners, boxes[:, 4])]
 
 
 def pose_of(message: Odometry) -> Pose:

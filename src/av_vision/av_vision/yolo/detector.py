@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.detections import NMS_IOU, NMS_NESTED, Candidates, Detections, suppress
+from av_vision.detections import Candidates, Detections, suppress
 from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import Region, fitting_size, letterbox, whole_in_tile
 from av_vision.yolo.model import Model, ModelError
@@ -99,7 +99,7 @@ class Detector:
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         # Exports without duplicates of their own may have one object as two classes.
-        selected = suppress(boxes, candidates.scores, NMS_IOU, NMS_NESTED)
+        selected = suppress(boxes, candidates.scores)
         return Candidates(candidates.boxes[selected], probabilities[selected])
 
     def select(self, candidates: Candidates, threshold: float = 0.0) -> tuple[Detections, NDArray[np.intp]]:
