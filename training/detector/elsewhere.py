@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from measure import match, overlaps_of, right_between
+from measure import match, overlaps_of
 from numpy.typing import NDArray
 from places import Place, pictures
 from tight import without_padding
@@ -42,17 +42,6 @@ class Elsewhere:
     def false_pictures(self, threshold: float, some: NDArray[np.bool_] | None = None) -> float:
         """Share of the pictures, or of some of them, in which a drone is reported where there is none."""
         return float(np.mean((self.false if some is None else self.false[some]) >= threshold))
-
-    def calibration_error(self, least: float = 0.05, bins: int = 10) -> float:
-        """Expected calibration error of the boxes above a score."""
-        used = self.scores >= least
-        place = np.clip((self.scores[used] * bins).astype(int), 0, bins - 1)
-        gap = np.abs(np.bincount(place, self.scores[used], bins) - np.bincount(place, self.hits[used], bins))
-        return float(gap.sum() / max(used.sum(), 1))
-
-    def right_at_half(self) -> tuple[float, int]:
-        """Share of the boxes scored 0.4 to 0.6 that are right, and their number."""
-        return right_between(self.scores, self.hits)
 
 
 def together(parts: list[Elsewhere]) -> Elsewhere:

@@ -17,7 +17,17 @@ import numpy as np
 from clips import HEIGHT, Frames, build_cache
 from elsewhere import SHARES, Elsewhere, look_at, together
 from live import beside_the_rig
-from measure import BANDS, FrameResult, Measurement, Row, detect_all, longer_sides, measure
+from measure import (
+    BANDS,
+    FrameResult,
+    Measurement,
+    Row,
+    calibration_error,
+    detect_all,
+    longer_sides,
+    measure,
+    right_at_half,
+)
 from places import JUDGED, SOURCES, Place
 from renders import CLUTTER, SUN, against_sun, clutter, rendered, simulator
 from sprites import build_bank
@@ -57,7 +67,7 @@ def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str =
             m = measure(results, detector, fused, loose)
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
                        m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),
-                       m.calibration_error())
+                       calibration_error(m.scores, m.hits))
             how = f'{"in time" if fused else "by themselves":13} {"labels" if loose else "tight":6}'
             row = '  '.join(f'{figure:.3f}' for figure in figures)
             print(f'{split:10} {how} {len(results):8} {m.drones.sum():6}  {row}', flush=True)
@@ -80,10 +90,10 @@ def rows_of_clips(split: str, m: Measurement, threshold: float, loose: bool) -> 
     f1 = f'{m.f1(threshold):.2f} / {m.f1(threshold, 0.5):.2f}'
     if loose:
         return [(f'clips of {name}, F1 at IoU 0.3 / 0.5, boxes as labelled', '', f1)]
-    right, number = m.right_at_half()
+    right, number = right_at_half(m.scores, m.hits)
     return [(f'clips of {name}, F1 at IoU 0.3 / 0.5, tight boxes', aim, f1),
             ('... frames without a drone that show one', f'< {false}', f'{m.false_frames(threshold):.3f}'),
-            ('... calibration error', '0.10', f'{m.calibration_error():.3f}'),
+            ('... calibration error', '0.10', f'{calibration_error(m.scores, m.hits):.3f}'),
             ('... of boxes scored 0.4 to 0.6, right', '0.5', f'{right:.2f} of {number}')]
 
 
@@ -92,7 +102,7 @@ def rows_of_infrared(m: Measurement, threshold: float, fused: bool, clips: str) 
     how = 'in time, as a rig sees them' if fused else 'images by themselves'
     return [(f'{clips}, {how}, F1 at IoU 0.3 / 0.5', '0.85', f'{m.f1(threshold):.2f} / {m.f1(threshold, 0.5):.2f}'),
             ('... frames without a drone that show one', '< 0.05', f'{m.false_frames(threshold):.3f}'),
-            ('... calibration error', '0.10', f'{m.calibration_error():.3f}')]
+            ('... calibration error', '0.10', f'{calibration_error(m.scores, m.hits):.3f}')]
 
 
 def by_kind(results: list[FrameResult], m: Measurement, threshold: float, clips: bool) -> list[Row]:
@@ -131,7 +141,7 @@ def elsewhere(detector: Detector, threshold: float, args: argparse.Namespace) ->
         one = look_at(detector, place, args.cache, args.count // (QUICK if args.quick else 1))
         by_share = '  '.join(f'{one.recall(threshold, low, high):.2f}' for low, high in pairwise(SHARES))
         print(f'{place.name:10} {len(one.drones):8} {one.drones.sum():6}  {one.recall(threshold):.3f}   '
-              f'{one.false_pictures(threshold):.3f}   {one.calibration_error():.3f}   {by_share}', flush=True)
+              f'{one.false_pictures(threshold):.3f}   {calibration_error(one.scores, one.hits):.3f}   {by_share}', flush=True)
         unseen += [] if place.name in args.known else [one]
         use = 'trained on' if place.name in args.known else 'not trained on'
         rows.append((f'pictures of {place.name} ({use}), recall at IoU 0.3 / pictures with a false drone',
@@ -146,8 +156,8 @@ def elsewhere(detector: Detector, threshold: float, args: argparse.Namespace) ->
 
 def rows_of_unseen(one: Elsewhere | None, threshold: float) -> list[Row]:
     """The table's rows of all pictures of sets that were not trained on."""
-    share, number = one.right_at_half() if one else (np.nan, 0)
-    near, error = (one.recall(threshold, 0.5), one.calibration_error()) if one else (np.nan, np.nan)
+    share, number = right_at_half(one.scores, one.hits) if one else (np.nan, 0)
+    near, error = (one.recall(threshold, 0.5), calibration_error(one.scores, one.hits)) if one else (np.nan, np.nan)
     return [('near drones of sets not trained on, above half the picture', '0.85', f'{near:.2f}'),
             ('calibration error on sets not trained on', '0.10', f'{error:.3f}'),
             ('... of boxes scored 0.4 to 0.6, right', '0.5', f'{share:.2f} of {number}')]

@@ -45,15 +45,10 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
     return made
 
 
-def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:
-    """What a image shows in a box and up to four pixels around it."""
-    return image[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4]
-
-
 def before_dark(frames: Frames, i: int) -> bool:
     """Whether there is something dark around any object of a frame."""
-    for corners in np.rint(frames.boxes[i][:, 1:]).astype(int):
-        around = surroundings(frames.image(i), *corners).mean(axis=2)
+    for x1, y1, x2, y2 in np.rint(frames.boxes[i][:, 1:]).astype(int):
+        around = frames.image(i)[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4].mean(axis=2)
         rim = np.concatenate([around[:3].ravel(), around[-3:].ravel(), around[:, :3].ravel(), around[:, -3:].ravel()])
         if np.percentile(rim, 10) < DARK:
             return True

@@ -19,6 +19,7 @@ from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
 from av_vision.yolo.letterbox import Region
 
+LEAST, BINS = 0.05, 10  # of the calibration error
 BANDS = ((5, 8), (8, 12), (12, 20), (20, 40), (40, 80), (80, 160), (160, 300))  # sizes of drones in pixels
 Row = tuple[str, str, str]  # of the table: what, the aim, the figure
 
@@ -71,22 +72,18 @@ class Measurement:
         precision = np.maximum.accumulate((right / np.arange(1, len(right) + 1))[::-1])[::-1]
         return float(np.sum(precision * np.diff(right, prepend=0)) / max(self.drones.sum(), 1))
 
-    def calibration_error(self, least: float = 0.05, bins: int = 10) -> float:
-        """Expected calibration error (Naeini et al. 2015) of the detections above a score."""
-        used = self.scores >= least
-        place = np.clip((self.scores[used] * bins).astype(int), 0, bins - 1)
-        count = np.bincount(place, minlength=bins)
-        gap = np.abs(np.bincount(place, self.scores[used], bins) - np.bincount(place, self.hits[used], bins))
-        return float(gap.sum() / max(count.sum(), 1))
 
-    def right_at_half(self) -> tuple[float, int]:
-        """Share of the detections scored 0.4 to 0.6 that are right, and their number."""
-        return right_between(self.scores, self.hits)
+def calibration_error(scores: NDArray, hits: NDArray) -> float:
+    """Expected calibration error (Naeini et al. 2015) of the detections (n,) above LEAST, in BINS of their scores."""
+    used = scores >= LEAST
+    place = np.clip((scores[used] * BINS).astype(int), 0, BINS - 1)
+    gap = np.abs(np.bincount(place, scores[used], BINS) - np.bincount(place, hits[used], BINS))
+    return float(gap.sum() / max(used.sum(), 1))
 
 
-def right_between(scores: NDArray, hits: NDArray, low: float = 0.4, high: float = 0.6) -> tuple[float, int]:
-    """Share of the detections in a range of scores that are right, and their number; NaN without any."""
-    some = hits[(scores >= low) & (scores < high)]
+def right_at_half(scores: NDArray, hits: NDArray) -> tuple[float, int]:
+    """Share of the detections (n,) scored 0.4 to 0.6 that are right, and their number; NaN without any."""
+    some = hits[(scores >= 0.4) & (scores < 0.6)]
     return float(some.mean()) if len(some) else np.nan, len(some)
 
 

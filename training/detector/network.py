@@ -101,7 +101,6 @@ class Network(nn.Module):
 
     def __init__(self, classes: int = 4, times: int = 1) -> None:
         super().__init__()
-        self.times = times
         c16, c32, c64, c128, c256 = (times * width for width in (16, 32, 64, 128, 256))
         self.stem = Conv(3, c16, 6, 2)
         self.dark2 = nn.Sequential(separable(c16, c32, 2), Stage(c32, c32, 1, True))
