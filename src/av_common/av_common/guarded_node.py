@@ -9,9 +9,11 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
+from rclpy.time_source import USE_SIM_TIME_NAME
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from av_common.refused_inputs import RefusedInputs
 from av_common.stamps import to_seconds
@@ -130,21 +132,25 @@ class GuardedNode(LifecycleNode):
         serve = _guarded_service(self.refused, srv_type, srv_name, callback)
         return super().create_service(srv_type, srv_name, serve, **kwargs)
 
-    def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any) -> Any:
-        """As in rclpy, guarded.
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], clock: Clock | None = None,
+                     **kwargs: Any) -> Any:
+        """As in rclpy, guarded, and without simulated time by the steady clock: one that is set back by an hour rests as long.
 
         Parameters:
             timer_period_sec (s): the period.
             callback: function that is called at each period.
-            args, kwargs: passed to rclpy.
+            clock: by which the period is measured; None as above.
+            kwargs: passed to rclpy.
         """
+        if clock is None and not self.get_parameter(USE_SIM_TIME_NAME).value:
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
         name = f'timer {getattr(callback, "__name__", callback)}'
 
         def tick() -> None:
             if timer in self.timers:
                 self._call(name, callback)
 
-        timer = super().create_timer(timer_period_sec, tick, *args, **kwargs)
+        timer = super().create_timer(timer_period_sec, tick, clock=clock, **kwargs)
         return timer
 
     def _call(self, name: str, callback: Callable[[], Any]) -> None:
@@ -211,7 +217,7 @@ def decode(msg_type: Any, data: bytes) -> Any:
     """
     check_size(msg_type, data)
     message = deserialize_message(data, msg_type)
-    if msg_type is Clock:
+    if msg_type is ClockMessage:
         to_seconds(message.clock)  # raises ValueError for times that no clock of a node can take
     return message
 

@@ -19,8 +19,7 @@ from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from lifecycle_msgs.msg import State
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from ros_domains import free_domain
@@ -75,6 +76,18 @@ def test_starts_stops_and_starts_again(executor):
     spin(executor, lambda: node.ticks > ticks)
     node.close()
     node.destroy_node()
+
+
+@pytest.mark.parametrize(('simulated', 'kind'), [('false', ClockType.STEADY_TIME), ('true', ClockType.ROS_TIME)])
+def test_timers_go_on_while_the_system_clock_is_set_back(simulated, kind):
+    """Those of the node's clock would rest until it shows again what it showed; with simulated time they follow that."""
+    rclpy.init(args=['--ros-args', '-p', f'use_sim_time:={simulated}'], domain_id=free_domain())
+    try:
+        node = Sensor(plugged=True)
+        assert node.create_timer(1.0, node._tick).clock.clock_type == kind
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
 
 
 def test_an_absent_sensor_is_reported_and_found_later(executor):
