@@ -57,7 +57,10 @@ class ContinuousPose:
 
 
 class HeldPosition:
-    """The position to hold, in the estimator's frame (NED). A reset of the estimator shifts it by the same amount."""
+    """The position to hold, in the estimator's frame (NED). A reset of the estimator shifts it by the same amount.
+
+    After several resets at once, of which only the newest is known, it is the position of that time.
+    """
 
     def __init__(self) -> None:
         self.current: NDArray | None = None   # m (3,), newest valid position, None without one
@@ -77,9 +80,11 @@ class HeldPosition:
             self.current = None
             return
         if self.held is not None and self._counters is not None:
-            horizontal, vertical = (new != old for new, old in zip(counters, self._counters, strict=True))
-            moved = np.nan_to_num(corrections) * np.array([horizontal, horizontal, vertical])
-            self.held = self.held + moved
+            horizontal, vertical = ((new - old) % 256 for new, old in zip(counters, self._counters, strict=True))
+            if max(horizontal, vertical) > 1:    # the shift by a reset before the newest was missed
+                self.release()
+            else:
+                self.held = self.held + np.nan_to_num(corrections) * np.array([horizontal, horizontal, vertical])
         self.current, self._counters = np.array(position, float), counters
 
     def hold(self) -> NDArray | None:

@@ -93,7 +93,7 @@ class ExternalMode:
             former: the registration of an earlier process of this node, which PX4 may still have
         """
         self._next = time + SETTLE_S
-        self._ended += [former] if former else []
+        self._ended += [former] if former and former != self.registration else []
 
     def step(self, time: float, heard: bool, status: VehicleStatus | None = None) -> Register | Registration | Configure | None:
         """What to send: a request, a registration to end, or a configuration; None if nothing is due.

@@ -64,7 +64,7 @@ class GimbalInputs:
         fresh: whether bearing, pointing command, attitude and status are all fresh
         nav_state: mode of the vehicle, None without a fresh status
         system: MAVLink id of the vehicle
-        measured (rad): pan and tilt reported by the gimbal, None without a report
+        measured (rad): pan and tilt reported by the gimbal, None without a recent report
     """
 
     move: bool = False
@@ -226,7 +226,7 @@ class GimbalFeedback:
         self._clock = px4_clock()
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
-        """The gimbal's orientation; None for that of another gimbal, and where it is not measured, dated or turned.
+        """The gimbal's orientation; None where it is not measured or dated, and without the vehicle's attitude.
 
         Parameters:
             message: a GimbalDeviceAttitudeStatus

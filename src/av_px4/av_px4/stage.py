@@ -14,6 +14,7 @@ from std_msgs.msg import Float32MultiArray
 from av_common.frames import BASE_FRAME, attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
+from av_common.gimbal_history import FEEDBACK_TIMEOUT_S
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds
@@ -38,7 +39,7 @@ from av_px4.guard import (
 from av_px4.handover import VehicleStatus
 from av_px4.odometry import RADIANS_PER_RPM, OdometryConverter, commanded_speeds, measured_speeds
 
-STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors')
+STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors', 'gimbal')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
 NO_MODE = 'the installed px4_msgs has no external modes (PX4 1.15 and later have): set offboard to have OFFBOARD turn the body'
 RATE_HZ = 50.0        # of control steps without pointing commands; each command causes a step at once
@@ -131,7 +132,8 @@ class Px4Stage:
     def stop(self, now: Instant) -> list[Outgoing]:
         """The messages that stop the motion, release the gimbal and unregister the external mode, except in its failsafe."""
         self._now = now
-        out = [self._setpoint(0.0)] if self.decision.setpoint else []
+        waits = self._guard.waits(now.steady, self._guard_inputs())    # as PX4 may have left the mode meanwhile
+        out = [self._setpoint(0.0)] if self.decision.setpoint and not waits else []
         out += self._commands(self.gimbal.release())
         registration = self.mode.registration if self.mode else None
         if self.mode and registration and not (self._status and self._status.overrides(registration.mode_id)):
@@ -157,8 +159,8 @@ class Px4Stage:
             raise ValueError(f'a command in {message.header.frame_id!r}, expected {BASE_FRAME!r} or '
                              f'{BASE_STABILIZED!r}')
         self.meters['command'].tick()
-        self._commanded.take(to_seconds(stamp), arrival)
-        self._command = message
+        if self._commanded.take(to_seconds(stamp), arrival) or not (message.move_body or message.move_gimbal):
+            self._command = message    # one that came before undoes none that came since, such as the end of pointing
         return self._step()
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
@@ -232,6 +234,8 @@ class Px4Stage:
         self._now = arrival
         known = self.meters['attitude'].age <= ATTITUDE_TIMEOUT
         state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
+        if known:
+            self.meters['gimbal'].tick()
         return [] if state is None else [Outgoing(GIMBAL_TOPIC, state)]
 
     def on_esc_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
@@ -343,7 +347,7 @@ class Px4Stage:
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= STATUS_TIMEOUT else None,
-            self.system_id, self.gimbal_feedback.reported)
+            self.system_id, self.gimbal_feedback.reported if self.meters['gimbal'].age <= FEEDBACK_TIMEOUT_S else None)
 
     def _steady(self) -> float:
         return self._now.steady

@@ -49,6 +49,14 @@ class TestExternalMode:
             assert mode.on_question(0.3 * k, True, 1 << 2)
             assert mode.step(0.3 * k + 0.4, True) is None and mode.active_mode(0.3 * k) == 23
 
+    def test_a_client_that_starts_again_keeps_what_is_registered(self):
+        """As px4_node does that was deactivated in a failsafe, in which a mode is not ended."""
+        mode = registered(version=2)
+        mode.start(1.0, mode.registration)
+        mode.on_question(1.5, True)
+        selected = VehicleStatus(23, True, False)
+        assert set(steps(mode, 2.0, 3.0, selected).values()) == {Configure(mode.registration)}
+
     def test_silence_ends_it_and_it_asks_again_once_the_old_one_is_ended(self):
         mode = registered()
         mode.on_question(1.0, True)

@@ -56,6 +56,27 @@ def test_a_setpoint_is_no_measurement():
     assert state is None and np.degrees(feedback.reported) == pytest.approx([40.0, 25.0])
 
 
+@pytest.mark.parametrize(('silence', 'begins'), [(0.0, -40.0), (2.0, -57.0)])
+def test_a_claim_begins_where_the_gimbal_reports_to_be_and_where_it_was_commanded_to_if_it_is_silent(silence, begins):
+    """An old report would have it jump back there."""
+    rig = Rig()
+
+    def point(seconds):
+        for _ in range(round(10.0 * seconds)):
+            rig.run(0.1, pan=1.0)
+            rig.acknowledge()
+    point(2.0)
+    rig.take('gimbal_device_attitude_status', report(YAW_IN_VEHICLE_FRAME, -40.0, 0.0, rig.time))
+    point(silence)
+    rig.stage.gimbal.release()
+    rig.run(0.02, pan=1.0)
+    rig.acknowledge()
+    taken = rig.time
+    rig.run(0.06, pan=1.0)
+    first = next(message for message in rig.of('vehicle_command', since=taken) if message.command == 1000)
+    assert first.param2 == pytest.approx(begins, abs=1.0)
+
+
 def test_without_the_vehicles_attitude_nothing_is_said():
     assert converted(lambda time: report(YAW_IN_VEHICLE_FRAME, 0.0, 0.0, time), None)[0] is None
 

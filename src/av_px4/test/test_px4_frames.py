@@ -89,6 +89,9 @@ class TestContinuity:
         assert place.hold() == pytest.approx([1.0, 2.0, -3.0])
         place.update(np.array([6.0, 3.0, -3.0]), (1, 0), np.array([1.0, 1.0, 9.0]), True)  # the estimator moved it by (1, 1)
         assert place.hold() == pytest.approx([2.0, 3.0, -3.0])
+        place.update(np.array([8.0, 3.0, -3.0]), (3, 0), np.array([1.0, 0.0, 9.0]), True)  # the first of two shifts was missed
+        assert place.hold() == pytest.approx([8.0, 3.0, -3.0])
+        place.update(np.array([6.0, 3.0, -3.0]), (3, 0), np.zeros(3), True)
         place.release()
         assert place.hold() == pytest.approx([6.0, 3.0, -3.0])
         place.release()

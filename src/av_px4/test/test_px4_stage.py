@@ -183,6 +183,30 @@ def test_a_command_that_waited_in_a_queue_is_not_fresh():
     assert not rig.stage.on_command(late, rig.now)
 
 
+def test_a_command_that_comes_again_does_not_undo_the_end_of_pointing():
+    """As of a network that sends a message twice: turned on, ended, and the first one again."""
+    rig = Rig()
+    rig.hand_over()
+    rig.run(1.0, yaw_rate=0.3)
+    rig.silent = {'rig'}
+    turn, end = (PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=moves, yaw_rate=0.3) for moves in (True, False))
+    turn.header.stamp, end.header.stamp = to_stamp(rig.now.ros + 0.01), to_stamp(rig.now.ros + 0.02)
+    for message in (turn, end, turn):
+        rig.run(0.02)
+        rig.take('command', message)
+    assert rig.stage.decision.reason == 'the body is not to move'
+
+
+def test_a_process_that_stood_still_sends_no_last_setpoint():
+    """The pilot may have taken over meanwhile, and PX4 1.16 obeys setpoints in any mode."""
+    rig = Rig()
+    rig.hand_over()
+    rig.run(1.0, yaw_rate=0.3)
+    assert any(topic == 'trajectory_setpoint' for topic, _ in rig.stage.stop(rig.now))
+    rig.time += 5.0
+    assert not any(topic == 'trajectory_setpoint' for topic, _ in rig.stage.stop(rig.now))
+
+
 def test_the_gimbal_is_claimed_pointed_once_it_is_acknowledged_and_given_back():
     rig = Rig()
     rig.run(0.1, pan=0.5)
