@@ -63,6 +63,22 @@ def test_a_controller_starts_within_its_limits():
     assert controller.gimbal.tilt.position == controller.settings.tilt.lower
 
 
+@pytest.mark.parametrize('end', ['trigger_deactivate', 'trigger_shutdown'])
+def test_what_was_ended_on_request_moves_nothing_in_a_later_process(end, tmp_path, monkeypatch):
+    """The launch starts a process again that ends."""
+    monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
+    rclpy.init(args=['--ros-args', '-p', 'enabled:=true', '-p', 'autostart:=false'], domain_id=free_domain())
+    node = PointingNode()
+    node.trigger_configure()
+    node.trigger_activate()
+    assert node._stage.controller.enabled
+    getattr(node, end)()
+    node.destroy_node()
+    rclpy.shutdown()
+    monkeypatch.setenv(RESTARTS, '1')
+    assert KeptNumbers('/pointing_node.enabled', (True,)).values == (0.0,)
+
+
 def test_a_node_that_stood_still_does_not_obey_a_request_that_may_have_waited():
     """As after SIGSTOP and SIGCONT: neither before nor after its timer ran again; it may always be disabled."""
     rclpy.init(args=['--ros-args', '-p', 'enabled:=false', '-p', 'autostart:=false'], domain_id=free_domain())

@@ -77,6 +77,11 @@ class PointingNode(RigNode):
         self._enabled.keep(False)
         return super().on_deactivate(state)
 
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition, after which a later process moves nothing, either."""
+        self._enabled.keep(False)
+        return super().on_shutdown(state)
+
     def deactivate(self) -> None:
         """Publish a last command that moves nothing."""
         self._stage.controller.enabled = False
