@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 
 from av_common.angles import wrap
 from av_common.frames import BASE_FRAME, yaw_of
-from av_common.gimbal_geometry import BASE_STABILIZED
+from av_common.gimbal_geometry import BASE_STABILIZED, LEVEL
 from av_common.limited_axis import AxisLimits
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
@@ -83,6 +83,11 @@ class Ages(NamedTuple):
     def body_left(self) -> float:
         """Time (s) until the body must stand still."""
         return min(STOP_WITHIN - max(self.measurement, self.odometry), OLDEST_MEASUREMENT_S - self.captured)
+
+    @property
+    def attitude_known(self) -> bool:
+        """Whether odometry tells the body's attitude; else the rig counts as level, as in fusion."""
+        return self.odometry <= OLDEST_MEASUREMENT_S
 
     @property
     def predicted(self) -> bool:
@@ -199,6 +204,8 @@ class PointingController:
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
         self.body.motion.advance(time)
+        if not ages.attitude_known:
+            self.gimbal.on_attitude(LEVEL)
         settings, left = self.settings, ages.body_left - PERIOD_S
         stale = self._stale(track, ages) if self.enabled else ''
         mode, reason = self._decide(track, ages, stale)
@@ -293,7 +300,7 @@ class PointingController:
     def _aim(self, time: float, track: Track, ages: Ages) -> Aim:
         """The direction of a track, by its direction in the world where the attitude is known."""
         seen = time - ages.bearing
-        known = track.attitude_known and self._has_odometry and math.isfinite(track.azimuth_world)
+        known = track.attitude_known and ages.attitude_known and math.isfinite(track.azimuth_world)
         azimuth = float(wrap(track.azimuth_world - self.body.motion.yaw(seen))) if known else track.azimuth
         return Aim(azimuth, track.azimuth_world_rate, seen)
 
@@ -305,7 +312,7 @@ class PointingController:
         elif settings.move_gimbal:
             body_rate, ahead = body.motion.rate(time), max(LEAD_S, ages.bearing)
             turned = body.motion.yaw(time) - body.motion.yaw(aim.time) + (ahead - ages.bearing) * body_rate
-            elevation = self._elevation(track, ahead)
+            elevation = self._elevation(track, ages, ahead)
             pan, tilt = self.gimbal.of_level(aim.azimuth + ahead * aim.rate - turned, elevation or 0.0)
             self.gimbal.follow(dt, pan, None if elevation is None else tilt, self._slowed(ages), aim.rate - body_rate)
         if not settings.move_body:
@@ -313,10 +320,11 @@ class PointingController:
         elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
             body.turn(time, dt, aim, DEAD_BAND, ages.body_left - PERIOD_S)
 
-    def _elevation(self, track: Track, ahead: float) -> float | None:
+    @staticmethod
+    def _elevation(track: Track, ages: Ages, ahead: float) -> float | None:
         """Elevation (rad) in the world of a track `ahead` s later, None while it has none."""
         if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
-            known = (track.attitude_known and self._has_odometry
+            known = (track.attitude_known and ages.attitude_known
                      and math.isfinite(track.elevation_world + track.elevation_world_rate))
             return track.elevation_world + ahead * track.elevation_world_rate if known else track.elevation
         return None

@@ -100,9 +100,9 @@ class BodyMotion:
         step = math.floor(time / GRID_S)
         if abs(step - self._step) > 1.0 / GRID_S:
             self._turns[:], self._rates[:] = 0.0, 0.0
-            self._step, self._command = step, 0.0
-            self._yaws.clear()
-            self._pair = None
+            if step < self._step:
+                self._yaws.clear()
+            self._step, self._command, self._pair = step, 0.0, None
         decay = np.exp(-GRID_S / LAGS)
         while self._step < step:
             self._step += 1
@@ -140,11 +140,11 @@ class BodyMotion:
         if time <= self._yaws.newest:
             before, after, share = self._yaws.around(time)
             return before + share * (after - before)
-        known, yaw = self._yaws.entries[-1] if self._yaws.entries else (-math.inf, 0.0)
-        dead_time = self.response.dead_time
-        if not self._remembered(known):
-            return yaw + self._modelled(time - dead_time)
-        return yaw + self._modelled(time - dead_time) - self._modelled(known - dead_time)
+        turned = self._modelled(time - self.response.dead_time)
+        if not self._yaws.entries:
+            return turned
+        known, yaw = self._yaws.entries[-1]
+        return yaw + turned - self._modelled(known - self.response.dead_time)
 
     def ahead(self, time: float) -> Ahead:
         """What the commands until `time` (s) lead to."""

@@ -147,6 +147,30 @@ def test_the_gimbal_keeps_to_the_target_as_the_body_tilts():
     assert max(errors[60:]) < 0.5
 
 
+@pytest.mark.parametrize('stabilized', [True, False])
+def test_without_odometry_the_body_counts_as_level_and_bearings_are_in_its_frame(stabilized):
+    """It ended while the body was banked and turned: the gimbal looks where fusion says from then on."""
+    rig = Rig(GimbalMount(stabilized=stabilized))
+    rig.attitude = euler2quat(math.radians(30.0), 0.0, 2.0, 'sxyz')
+    rig.run(1.0, resolved=True, azimuth_world=3.0, elevation_variance=1e-4)
+    rig.attitude = (0.0, 0.0, 0.0, 0.0)
+    rig.run(1.0, resolved=True, azimuth_world=3.0, elevation_variance=1e-4)
+    command = rig.run(3.0, resolved=True, azimuth=1.0, azimuth_world=0.4, elevation=0.1, elevation_variance=1e-4,
+                      attitude_known=False)
+    assert (command.pan, command.tilt) == pytest.approx((1.0, 0.1), abs=math.radians(0.6))
+
+
+def test_a_gimbal_does_not_jerk_after_a_pause_of_the_process():
+    """A turned body: bearings are used after odometry of the present, whose heading must count."""
+    rig = Rig(move_body=False)
+    rig.attitude = euler2quat(0.0, 0.0, 2.0, 'sxyz')
+    before = rig.run(2.0, resolved=True, azimuth_world=3.0)
+    rig.now = Instant(rig.now.steady + 3.0, rig.now.ros + 3.0)
+    command = rig.run(2.0 * STEP, resolved=True, azimuth_world=3.0)
+    assert command.mode == PointingCommand.MODE_TRACK and command.pan == pytest.approx(before.pan, abs=math.radians(0.6))
+    assert abs(command.pan_rate) < math.radians(1.0)
+
+
 def test_a_target_of_unknown_elevation_is_looked_for_up_and_down_where_it_is_heard():
     rig = Rig()
     command = rig.run(3.0, resolved=True, elevation_variance=math.inf, look=(1.0, math.radians(30.0)))
