@@ -18,6 +18,7 @@ from av_common.quaternions import Quaternion, inverse, product
 from av_common.stamps import to_seconds, to_stamp
 
 TF_WAIT_S = 1.0    # for the fixed frames, which come late where their publisher is found late
+MOST_FRAMES = 500  # of all robots on one tf
 
 
 class FixedFrames:
@@ -27,14 +28,14 @@ class FixedFrames:
         self._parents: dict[str, tuple[str, NDArray[np.float64]]] = {}
 
     def learn(self, transforms: Iterable[Any]) -> list[str]:
-        """Take transforms; returns the frames of those that are left out, as their rotation is no unit quaternion."""
+        """Take transforms, at most MOST_FRAMES; returns the frames of those whose rotation is no unit quaternion."""
         impossible = []
         for transform in transforms:
             attitude, frame = attitude_of(transform.transform.rotation), transform.child_frame_id.removeprefix('/')
-            if is_orientation(attitude):
-                self._parents[frame] = transform.header.frame_id.removeprefix('/'), quat2mat(attitude)
-            else:
+            if not is_orientation(attitude):
                 impossible.append(frame)
+            elif frame in self._parents or len(self._parents) < MOST_FRAMES:
+                self._parents[frame] = transform.header.frame_id.removeprefix('/'), quat2mat(attitude)
         return impossible
 
     def ancestors(self, frame: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -77,7 +78,8 @@ class BodyOdometry:
     def of_body(self, message: Any) -> Any:
         """The body's odometry; the message itself where its frame is the body's, or counts as it.
 
-        Raises ValueError for a stamp that is none, and NotYetKnownError while the frame may still become known.
+        Raises ValueError for a stamp that is none and frames without number, and NotYetKnownError while the frame may still
+        become known.
         """
         frame = message.child_frame_id.removeprefix('/')
         if frame in ('', BASE_FRAME):
@@ -88,6 +90,8 @@ class BodyOdometry:
             self.assumed.discard(frame)
         if frame not in self._turns:
             stamp = to_seconds(message.header.stamp)
+            if frame not in self._first and len(self._first) >= MOST_FRAMES:
+                raise ValueError(f'odometry of more than {MOST_FRAMES} frames')
             if 0.0 <= stamp - self._first.setdefault(frame, stamp) < self._wait:
                 raise NotYetKnownError(f'no fixed transform from {frame!r} to {BASE_FRAME!r} yet')
             self.assumed.add(frame)

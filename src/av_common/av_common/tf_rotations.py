@@ -17,6 +17,7 @@ from tf2_msgs.msg import TFMessage
 from tf2_ros import Buffer, TransformException
 from transforms3d.quaternions import quat2mat
 
+from av_common.body_odometry import MOST_FRAMES
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import NEAREST_S, RESTART_S, NotYetKnownError
@@ -24,7 +25,6 @@ from av_common.qos import FRAMES
 from av_common.stamps import to_seconds
 
 LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
-MOST_FRAMES = 500  # of all robots on one tf
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
 
 
@@ -70,7 +70,10 @@ class GuardedTransformListener:
     def _take(self, data: TFMessage, fixed: bool) -> None:
         refused = ''
         for transform in data.transforms:
-            problem = self._problem(transform, fixed)
+            try:
+                problem = self._problem(transform, fixed)
+            except ValueError as error:    # of a stamp that is none
+                problem = str(error)
             if problem:
                 refused = f'{transform.child_frame_id[:50]!r} in {transform.header.frame_id[:50]!r}: {problem}'
                 continue

@@ -13,7 +13,7 @@ from ros_domains import free_domain
 from scipy.spatial.transform import Rotation
 from tf2_msgs.msg import TFMessage
 
-from av_common.body_odometry import TF_WAIT_S, BodyOdometry, FixedFrames
+from av_common.body_odometry import MOST_FRAMES, TF_WAIT_S, BodyOdometry, FixedFrames
 from av_common.gimbal_history import NotYetKnownError
 from av_common.node import RigNode
 from av_common.qos import LATCHED, STREAM
@@ -65,6 +65,18 @@ def test_wherever_the_body_is_in_the_tree(tree):
     frames = FixedFrames()
     assert frames.learn([transform(*one) for one in tree]) == []
     assert is_body(BodyOdometry(frames.rotation).of_body(odometry('imu')))
+
+
+def test_frames_without_number_take_no_memory():
+    frames = FixedFrames()
+    frames.learn([transform(f'frame_{number}', 'base_link') for number in range(2 * MOST_FRAMES)])
+    assert frames.rotation(f'frame_{MOST_FRAMES - 1}') is not None and frames.rotation(f'frame_{MOST_FRAMES}') is None
+    body = BodyOdometry(lambda frame: None)
+    for number in range(MOST_FRAMES):
+        body.of_body(odometry(f'frame_{number}'))
+    with pytest.raises(ValueError, match='more than 500 frames'):
+        body.of_body(odometry('another'))
+    assert body.of_body(odometry('base_link')) and len(body.assumed) == MOST_FRAMES
 
 
 def test_a_loop_or_an_impossible_rotation_joins_nothing():

@@ -61,6 +61,15 @@ def test_what_would_spoil_the_tree_is_refused_with_its_reason_and_the_rest_is_ta
     assert yaw(tf.rotation('late', tf.now)) == pytest.approx(0.3, abs=1e-5)
 
 
+def test_a_stamp_that_is_none_is_refused_and_the_rest_is_taken(tf):
+    tf.fixed(TFMessage(transforms=[transform(ARRAY)]))
+    with pytest.raises(ValueError, match='other.*: stamp 5 s 4000000000 ns'):
+        wrong = transform('other', time=5.0)
+        wrong.header.stamp.nanosec = 4_000_000_000
+        tf.moving(TFMessage(transforms=[wrong, transform('late', time=tf.now)]))
+    assert yaw(tf.rotation('late', tf.now)) == pytest.approx(0.3, abs=1e-5)
+
+
 def test_a_long_loop_is_refused_whatever_the_order(tf):
     tf.fixed(TFMessage(transforms=[transform('a', BASE), transform('b', 'a'), transform(ARRAY, 'b')]))
     with pytest.raises(ValueError, match='a loop'):
