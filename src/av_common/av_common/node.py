@@ -153,7 +153,7 @@ class RigNode(ParameterNode):
             self.contested = publishers.contested(time.monotonic())
             tell(self.contested)
 
-        self.contested = {}
+        look_for_publishers()
         self._steady_timer(PERIOD_S, look_for_publishers)
 
     def subscribe_odometry(self, take: Callable[[Odometry], Any]) -> None:
