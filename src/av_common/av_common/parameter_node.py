@@ -78,7 +78,7 @@ class ParameterNode(GuardedNode):
         """
 
     def apply_parameters(self) -> None:
-        """Apply parameters that changed at run time; called in the states inactive and active."""
+        """Apply the `settings`, which changed at run time; called in the states inactive and active."""
 
     def guard_parameters(self, fixed: Iterable[str] = ()) -> None:
         """Check all parameters now, raising ValueError, and from now on before each change.
@@ -89,7 +89,7 @@ class ParameterNode(GuardedNode):
         """
         for name in (USE_SIM_TIME_NAME, *fixed):
             self.describe_parameter(name).read_only = True
-        for parameter in self.get_parameters(list(self.list_parameters([], 0).names)):
+        for parameter in self.get_parameters_by_prefix('').values():
             check_value(parameter.name, parameter.value)
             if parameter.name not in self.RUNTIME_PARAMETERS:
                 self.describe_parameter(parameter.name).additional_constraints = WHEN_CONFIGURED
@@ -97,7 +97,6 @@ class ParameterNode(GuardedNode):
             self.check_parameters(self.settings)
             self.remove_on_set_parameters_callback(self._parameter_listener.update)
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self.add_post_set_parameters_callback(self._after_set_parameters)
 
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         listener = self._parameter_listener
@@ -114,15 +113,13 @@ class ParameterNode(GuardedNode):
                 self.check_parameters(self.settings)
                 if self._is_configured:
                     self.check_change(self.settings)
+            if self._is_configured:
+                self.apply_parameters()
         except ValueError as error:
             if listener is not None:
                 listener.params_ = before
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-    def _after_set_parameters(self, _changes: list[Parameter]) -> None:
-        if self._is_configured:
-            self.apply_parameters()
 
     @property
     def _is_configured(self) -> bool:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from functools import partial
+from collections.abc import Mapping
 from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool
@@ -60,14 +58,11 @@ class PointingNode(RigNode):
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         self._ran, self._resumed = time.monotonic(), -math.inf
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit',
-                                      tell=partial(setattr, self._stage, 'contested'))
+        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', tell=self._on_publishers)
         self._timer = self.create_timer(PERIOD_S, self._on_time, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.subscribe_odometry(self._on_odometry)
-        self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED,
-                                 event_callbacks=SubscriptionEventCallbacks(
-                                     matched=lambda status: self._stage.on_limiters(status.current_count)))
+        self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED)
         if self._settings.follow_cues:
             self.create_subscription(PointStamped, 'target/cue', self._on_cue, RESULT)
         self.create_service(SetBool, '~/enable', self._on_enable)
@@ -90,6 +85,10 @@ class PointingNode(RigNode):
     def apply_parameters(self) -> None:
         """Use another limit of the yaw rate from the next command on."""
         self._stage.controller.limit_rates(pointing_settings(self.settings, self._gimbal))
+
+    def _on_publishers(self, contested: Mapping[str, list[str]]) -> None:
+        self._stage.contested = contested
+        self._stage.on_limiters(self.count_publishers('yaw_rate_limit'))
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()

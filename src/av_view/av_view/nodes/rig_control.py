@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Log, ParameterDescriptor
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
@@ -107,7 +107,6 @@ class RigControl:
         self._node, self._bags = node, bags
         self._work: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._clients: dict[str, Any] = {}
-        self._parameters: dict[str, AsyncParameterClient] = {}
         self._marks: dict[str, Publisher] = {}
 
     async def act(self, name: str, rig: str, request: dict[str, Any]) -> dict[str, Any]:
@@ -179,9 +178,7 @@ class RigControl:
         raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, seek, tuning or set')
 
     def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
-        client = self._client(service, kind)
-        if not client.service_is_ready():
-            raise ValueError(f'{service} is not offered at the moment: try again')
+        client = self._ready(service, kind)
 
         def call(_: Any = None) -> None:
             client.call_async(wanted).add_done_callback(lambda future: done(
@@ -197,6 +194,13 @@ class RigControl:
             self._clients[service] = self._node.create_client(kind, service)
         return self._clients[service]
 
+    def _ready(self, service: str, kind: Any) -> Any:
+        """The client of a service. Raises ValueError where nobody offers it."""
+        client = self._client(service, kind)
+        if not client.service_is_ready():
+            raise ValueError(f'{service} is not offered at the moment: try again')
+        return client
+
     def _mark(self, rig: str, text: str, done: Done) -> None:
         """Publish a mark with the time of the rig's clock."""
         if rig not in self._marks:
@@ -205,33 +209,28 @@ class RigControl:
                                      msg=text or 'mark'))
         done({'done': True, 'words': f'marked: {text or "mark"}'})
 
-    def _parameters_of(self, node: str, ready: bool = True) -> AsyncParameterClient:
-        """The client of a node's parameters. Raises ValueError where it shall be `ready` and is not."""
-        if node not in self._parameters:
-            self._parameters[node] = AsyncParameterClient(self._node, node)
-        if ready and not self._parameters[node].services_are_ready():
-            raise ValueError(f'{node} does not answer at the moment: try again')
-        return self._parameters[node]
-
     def _describe(self, rig: str, done: Done) -> None:
         """What can be tuned: two requests to each node of TUNABLE that answers. Those that do not are left out."""
         found: list[dict[str, Any]] = []
-        ready = [node for node in TUNABLE if self._parameters_of(f'{rig}/{node}', False).services_are_ready()]
+        ready = [node for node in TUNABLE
+                 if self._client(f'{rig}/{node}/describe_parameters', DescribeParameters).service_is_ready()]
         missing = set(ready)
 
         def got(node: str, descriptors: list[ParameterDescriptor], values: list[Any]) -> None:
-            found.extend(_entry(node, descriptor, parameter_value_to_python(value))
+            found.extend(_entry(node, descriptor, value.double_value)
                          for descriptor, value in zip(descriptors, values, strict=True) if not descriptor.read_only)
             missing.discard(node)
             if not missing:
                 done({'done': True, 'words': '', 'parameters': sorted(found, key=lambda one: one['name'])})
 
         def described(node: str, descriptors: list[ParameterDescriptor]) -> None:
-            self._parameters_of(f'{rig}/{node}').get_parameters(list(TUNABLE[node])).add_done_callback(
+            wanted = GetParameters.Request(names=list(TUNABLE[node]))
+            self._ready(f'{rig}/{node}/get_parameters', GetParameters).call_async(wanted).add_done_callback(
                 lambda future: got(node, descriptors, future.result().values))
 
         for node in ready:
-            self._parameters_of(f'{rig}/{node}').describe_parameters(list(TUNABLE[node])).add_done_callback(
+            wanted = DescribeParameters.Request(names=list(TUNABLE[node]))
+            self._ready(f'{rig}/{node}/describe_parameters', DescribeParameters).call_async(wanted).add_done_callback(
                 lambda future, node=node: described(node, future.result().descriptors))
         if not ready:
             done({'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'})
@@ -241,11 +240,12 @@ class RigControl:
         def told(result: Any) -> None:
             done({'done': bool(result.successful), 'words': result.reason or 'set'})
 
-        self._parameters_of(node).set_parameters([Parameter(name, value=value)]).add_done_callback(
+        wanted = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        self._ready(f'{node}/set_parameters', SetParameters).call_async(wanted).add_done_callback(
             lambda future: told(future.result().results[0]))
 
 
-def _entry(node: str, descriptor: ParameterDescriptor, value: Any) -> dict[str, Any]:
+def _entry(node: str, descriptor: ParameterDescriptor, value: float) -> dict[str, Any]:
     """A parameter for a page: value, bounds and description."""
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     bounds = [ranges[0].from_value, ranges[0].to_value] if ranges else None

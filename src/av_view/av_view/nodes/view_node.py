@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
