@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,8 @@ from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.oracle import Oracle, Solids
-from av_simulator.rendering.scenes import Solid
+from av_simulator.rendering.render_process import RendererFactory
+from av_simulator.rendering.scenes import Field, Solid
 from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, View
 
 EYE = np.array([0.0, 0.0, 1.0])
@@ -56,3 +59,6 @@ def test_a_thermal_camera_needs_no_light():
     noon, light = (Oracle(camera, []).boxes(view)[0].score for view in views)
     heat = Oracle(camera, [], thermal=True).boxes(views[1])[0].score
     assert heat == pytest.approx(noon, rel=0.01) and light < 0.7 * noon
+    factory = RendererFactory(camera, Field(), ((0.5, 4),), (), 1, 15.0)
+    flat = [each.make('flat').render(views[1]).boxes[0].score for each in (factory, replace(factory, palette='white_hot'))]
+    assert flat == [light, heat]

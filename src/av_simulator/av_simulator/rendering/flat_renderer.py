@@ -36,9 +36,10 @@ class FlatRenderer:
         scene: solids, ground and sky.
         seed: seed of scene, texture and noise.
         obstacles: solids in addition to those of the scene.
+        thermal: whether the oracle's camera sees heat; the images are those of light.
     """
 
-    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = ()):
+    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (), thermal: bool = False):
         self._camera = camera
         random = np.random.default_rng([seed, 11])
         width, height = camera.width // _COARSE, camera.height // _COARSE
@@ -50,7 +51,7 @@ class FlatRenderer:
         self._noise = np.clip(random.normal(128.0, _NOISE, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
             .astype(np.uint8).repeat(3, axis=3)
         self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
-        self._oracle = Oracle(camera, self._solids)
+        self._oracle = Oracle(camera, self._solids, thermal)
         self._places = np.array([solid.centre for solid in self._solids]).reshape(-1, 3)
 
     def render(self, view: View) -> RenderedImage:

@@ -73,7 +73,7 @@ class RendererFactory:
                 if kind == 'scene':
                     raise
                 log.warning('using flat images instead of the 3D scene: %s', error)
-        return FlatRenderer(self.camera, self.scene, self.seed, self.obstacles)
+        return FlatRenderer(self.camera, self.scene, self.seed, self.obstacles, thermal=bool(self.palette))
 
 
 @dataclass(frozen=True)
