@@ -179,8 +179,8 @@ class ImageStream:
                  most_bytes: int = 4_000_000) -> None:
         self.assembler = ImageAssembler(most_bytes=most_bytes)
         self._clock, self._stamps, self._name = clock, stamps, name
-        self._newest: tuple[Sender, float] | None = None    # sender and stamp of the newest fragment
-        self._reported = math.nan    # stamp of the image with the newest report
+        self._newest: tuple[Sender, float, float] | None = None    # sender, time and stamp of the newest fragment
+        self._reported = math.nan    # time of the image with the newest report, on the sender's clock
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
         """The image or report that this datagram completes, None if it completes none."""
@@ -192,7 +192,7 @@ class ImageStream:
         except UndatedError:
             self._newest = None    # nor can its boxes be dated
             raise
-        self._newest = sender, stamp
+        self._newest = sender, fragment.time, stamp
         image = self.assembler.add(fragment)
         return None if image is None else StampedImage(image, stamp)
 
@@ -200,10 +200,10 @@ class ImageStream:
         if self._newest is None or self._newest[0] != sender:
             _refuse_others(self._clock, self._name, sender)
             return None
-        stamp = self._newest[1]
-        if stamp == self._reported:    # it came twice, or its image was lost
+        _, time, stamp = self._newest
+        if time == self._reported:    # it came twice, or its image was lost
             return None
-        self._reported = stamp
+        self._reported = time
         return OracleReport(boxes, stamp)
 
 
