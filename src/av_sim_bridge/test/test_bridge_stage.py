@@ -83,6 +83,20 @@ def test_image_calibration_and_oracle_carry_one_stamp(rng):
         assert (report.detections[0].id, report.detections[0].results[0].hypothesis.class_id) == ('oracle', 'drone')
 
 
+def test_sound_without_header_goes_on_when_a_long_delay_ends(rng):
+    """Of 0.1 s for over two seconds, for which three datagrams were taken for lost: nothing is, and stamps are right again."""
+    stage, published, late = make_stage(), [], 0.002 * rng.random(300)
+    late[100:170] += 0.1
+    arrivals = EPOCH + np.maximum.accumulate((np.arange(300) + 1) * BLOCK / RATE + late)
+    for number, arrival in enumerate(arrivals):
+        stage.on_audio(encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1)), arrival, SENDER)
+        while (message := stage.read_audio()) is not None:
+            published.append((to_seconds(message.header.stamp) - EPOCH - number * BLOCK / RATE, message.first_sample))
+    assert len(published) == 300 and stage.counts()['audio blocks undated'] == 0
+    assert max(abs(error) for error, _ in published[180:]) < 5e-3
+    assert [first for _, first in published[180:]] == [number * BLOCK for number in range(180, 300)]
+
+
 def test_boxes_that_come_twice_or_without_their_image_are_left_out():
     """Else they would be those of the image before."""
     stage, reported = make_stage(oracle_detections=True), []

@@ -147,7 +147,7 @@ class _BareStream:
     half a datagram and the delay of the sender's other streams, since a datagram that is only delayed catches up. In the
     meantime datagrams of whole frames are passed on, because only their numbers can be too low. Others are held back,
     because they could swap the channels. A datagram that arrives early is refused as foreign, unless an earlier loss was
-    assumed by mistake.
+    assumed by mistake: then the position returns.
     """
 
     WINDOW = 1.0       # s
@@ -168,7 +168,8 @@ class _BareStream:
         self._updated = 0.0
         self._length = 0.0                                     # mean length of a datagram, bytes
         self._taken = self._early = 0
-        self._doubtful = 0                                     # datagrams assumed lost
+        self._doubtful = self._skipped = 0                     # datagrams, and bytes, assumed lost
+        self._shifted = False                                  # whether the next byte may be within a frame
 
     @property
     def next_sample(self) -> int:
@@ -196,7 +197,7 @@ class _BareStream:
         if self._offset is not None:
             earliest = self._offset + self.DRIFT * max(arrival - self._updated, 0.0)
             if offset < earliest - half and self._taken > self.SETTLING:
-                self._judge_early(round((earliest - offset) / (2 * half)))
+                offset += self._judge_early(round((earliest - offset) / (2 * half)))
             self._offset = min(earliest, offset)
         else:
             self._offset = offset
@@ -204,17 +205,21 @@ class _BareStream:
         self._updated = arrival
         return offset - self._offset
 
-    def _judge_early(self, datagrams: int) -> None:
-        """Correct the count of lost datagrams if it explains the early arrival. Raises WireError otherwise."""
+    def _judge_early(self, datagrams: int) -> float:
+        """Take datagrams back that were assumed lost if that explains the early arrival; returns their duration (s).
+
+        Raises WireError otherwise, and returns 0 once the clock seems to have jumped.
+        """
         if datagrams <= self._doubtful:
-            self._doubtful -= datagrams
-            self.counts.lost -= datagrams
-            return
+            back = self._skipped if datagrams == self._doubtful else min(round(datagrams * self._length), self._skipped)
+            self._shift(-datagrams, -back)
+            return back / self._rate
         self._early += 1
         if self._early < self.MOST_EARLY:
             raise WireError('audio: a datagram arrived before its samples can have been captured')
         self.counts.restarts += 1
         self._taken = 0
+        return 0.0
 
     def _missing(self, half: float) -> float:
         """Lag (s) common to all datagrams of the window, 0 if there is none or it still changes."""
@@ -239,7 +244,9 @@ class _BareStream:
         blocks = []
         for (datagram, arrival), new in zip(held, np.diff(lost, prepend=0), strict=True):
             if new > 0:
-                datagram = self._skip(int(new), datagram)
+                self._shift(int(new), round(new * self._length))
+            if self._shifted:
+                datagram = self._from_next_frame(datagram)
             data = self._partial + datagram
             first = (self._position - len(self._partial)) // self.layout.frame_bytes
             self._position += len(datagram)
@@ -249,14 +256,19 @@ class _BareStream:
                 blocks.append(AudioBlock(first, self.layout.decode(data[:whole]), arrival))
         return blocks
 
-    def _skip(self, lost: int, datagram: bytes) -> bytes:
-        """Advance by a number of lost datagrams; returns `datagram` from its next whole frame on."""
-        before = self._position // self.layout.frame_bytes
-        position = self._position + round(lost * self._length)
-        ahead = -position % self.layout.frame_bytes
-        self._partial = b''
-        self._position = position + ahead
+    def _shift(self, lost: int, skipped: int) -> None:
+        """Advance by a number of lost datagrams and their bytes; return if they are negative."""
+        before = self._skipped // self.layout.frame_bytes
+        self._position += skipped
+        self._skipped += skipped
+        self._shifted = True
         self._doubtful += lost
         self.counts.lost += lost
-        self.counts.lost_frames += self._position // self.layout.frame_bytes - before
+        self.counts.lost_frames += self._skipped // self.layout.frame_bytes - before
+
+    def _from_next_frame(self, datagram: bytes) -> bytes:
+        """A datagram from its next whole frame on, where what came before it is not that frame's beginning."""
+        ahead = -self._position % self.layout.frame_bytes
+        self._partial, self._shifted = b'', False
+        self._position += ahead
         return datagram[ahead:]
