@@ -17,10 +17,11 @@ from tight import without_padding
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, RenderedImage, View
+from av_simulator.rendering.view import Drone, RenderedImage, View
 from av_vision.bearing import bearings_of_boxes
 from av_vision.yolo import Detector
 
@@ -129,7 +130,7 @@ def simulator_images(kind: str, fog: float, count: int, seed: int, drones: bool 
         pixel = rng.uniform([30, 30], [610, 300])
         place = position + rng.uniform(3.0, 20.0) * (rotation @ camera.rays(pixel[None])[0])
         attitude = rotation_from_rpy(*rng.normal(0, 0.1, 2), rng.uniform(-np.pi, np.pi))
-        drone = Drone(FIRST_TARGET_ID, place, attitude, 0.5, 4, rng.uniform(0, 6.28, 4))
+        drone = Drone(FIRST_TARGET, place, attitude, 0.5, 4, rng.uniform(0, 6.28, 4))
         view = View(number, 0.1 * number, position, rotation, Atmosphere(fog), [drone] if drones else [])
         made.append((renderer.render(view), camera, drone, view))
     renderer.close()

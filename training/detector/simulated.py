@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, RenderedImage, View
+from av_simulator.rendering.view import Drone, RenderedImage, View
 from av_vision.image import AutomaticGain
 
 FIRST_SEED = 9000
@@ -104,7 +105,7 @@ def random_view(rng: np.random.Generator, camera: PinholeCamera, number: int, dr
         place = position + distance * (rotation @ camera.rays(pixel[None])[0])
         place[2] = max(place[2], 0.4)
         attitude = rotation_from_rpy(*rng.normal(0, 0.2, 2), rng.uniform(-np.pi, np.pi))
-        placed.append(Drone(FIRST_TARGET_ID + k, place, attitude, size, rotors, rng.uniform(0, 6.28, rotors)))
+        placed.append(Drone(FIRST_TARGET + k, place, attitude, size, rotors, rng.uniform(0, 6.28, rotors)))
     return View(number, 0.1 * number, position, rotation, Atmosphere(fog), placed)
 
 

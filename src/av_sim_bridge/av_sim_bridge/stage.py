@@ -38,6 +38,7 @@ from av_sim_bridge.receiving.streams import (
 )
 from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.ports import FIRST_TARGET, RIG
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import check_truth, encode_truth
 from av_vision.image import decode_image
@@ -46,7 +47,6 @@ from av_vision.messages import camera_info_message, image_message
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
-RIG, FIRST_TARGET = 1, 2    # numbers of the vehicles, as of the ports of their true states (wire/ports.py)
 Output = tuple[str, Any]    # topic and message
 
 
@@ -74,7 +74,8 @@ class BridgeSettings:
 class BridgeStage:
     """The streams of one simulator and one rig. All streams share the sender's clock, so that their stamps agree.
 
-    The method of each stream must be called by one thread only; `read_audio` and `decode_*` may run in other threads.
+    The method of each stream must be called by one thread only, `on_truth` by one for each vehicle; `read_audio` and `decode_*`
+    may run in other threads.
     `rig` is the rig's description, `target_topics` maps the number of each target to the topic of its true state.
 
     Parameters:

@@ -22,19 +22,16 @@ from av_sim_bridge.wire.gimbal import encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import encode_imu
 from av_sim_bridge.wire.oracle import encode_oracle
-from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
+from av_sim_bridge.wire.ports import FIRST_TARGET, RIG, TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
-from av_simulator.rendering.view import FIRST_TARGET_ID
 from av_simulator.run import BLOCKS_PER_SECOND, TRUTH_RATE, times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket
 from av_simulator.world import World
 
 log = logging.getLogger('simulator')
-
-RIG_ID = 1  # RFlySim numbers vehicles from 1
 
 
 class Clock(Protocol):
@@ -55,7 +52,7 @@ class WireOptions:
     """Addresses, rates and formats of the datagrams.
 
     Parameters:
-        host: receiver of all streams except the time synchronisation, which is multicast. Commands are obeyed from it only.
+        host: receiver of all streams except the time synchronisation, which is multicast.
         ports: UDP ports of the streams.
         bind_address: address of this machine from which is sent, and at which commands arrive; empty: by which `host` is
             reached.
@@ -294,18 +291,18 @@ class Simulator:
     def _send_truth(self, targets: list[VehicleState], moment: float) -> None:
         ports = self.options.ports
         rig = self.world.rig_state(moment)
-        self._send(encode_truth(to_truth(rig, RIG_ID)), ports.rig_truth)
+        self._send(encode_truth(to_truth(rig, RIG)), ports.rig_truth)
         number = round(moment * TRUTH_RATE)
         self._send(encode_imu(to_imu(rig, number)), ports.imu)
         gimbal = self.world.gimbal_sample(number, moment)
         if gimbal is not None:
             self._send(encode_gimbal(gimbal), ports.gimbal)
         for number, target in enumerate(targets):
-            self._send(encode_truth(to_truth(target, FIRST_TARGET_ID + number)), ports.target_truth + 2 * number)
+            self._send(encode_truth(to_truth(target, FIRST_TARGET + number)), ports.target_truth + 2 * number)
 
     def _send_time_sync(self, moment: float) -> None:
         now = self._start_ms + round(moment * 1e3)
-        self._send(encode_time_sync(TimeSync(RIG_ID, self._start_ms, now, round(moment))), self.options.ports.time_sync,
+        self._send(encode_time_sync(TimeSync(RIG, self._start_ms, now, round(moment))), self.options.ports.time_sync,
                    TIME_SYNC_GROUP)
 
     def _request_image(self, moment: float) -> None:

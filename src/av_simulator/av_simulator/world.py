@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from av_common.rig import Rig
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
 from av_sim_bridge.wire.gimbal import GimbalSample
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.config_files import find_config
 from av_simulator.motion.gimbal import ENCODER_SIGMA
 from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.render_process import RendererFactory
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
+from av_simulator.rendering.view import Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
 from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, load_profile
@@ -173,7 +174,7 @@ class World:
         rotors = self._rotors(number)
         sides = (-1.0) ** np.arange(rotors)
         turns = state.rotor_rpm[:rotors] / 60.0 if state.rotor_rpm.any() else np.full(rotors, 90.0)
-        return Drone(FIRST_TARGET_ID + number, state.position, state.rotation, target.size, rotors,
+        return Drone(FIRST_TARGET + number, state.position, state.rotation, target.size, rotors,
                      np.mod(2 * np.pi * turns * time * sides, 2 * np.pi))
 
     def _rotor_rpm(self, number: int, times: NDArray) -> NDArray:

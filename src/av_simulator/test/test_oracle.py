@@ -9,11 +9,12 @@ import pytest
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.oracle import Oracle, Solids
 from av_simulator.rendering.render_process import RendererFactory
 from av_simulator.rendering.scenes import Field, Solid
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, View
+from av_simulator.rendering.view import Drone, View
 
 EYE = np.array([0.0, 0.0, 1.0])
 
@@ -53,7 +54,7 @@ def test_nothing_hides_what_stands_before_it_or_elsewhere():
 def test_a_thermal_camera_needs_no_light():
     """A drone 12 m ahead by night, seen by a camera of light and by one of heat."""
     camera = PinholeCamera.from_fov(320, 256, np.radians(50.0))
-    drone = Drone(FIRST_TARGET_ID, np.array([12.0, 0.0, 1.0]), np.eye(3), 0.5, 4, np.zeros(4))
+    drone = Drone(FIRST_TARGET, np.array([12.0, 0.0, 1.0]), np.eye(3), 0.5, 4, np.zeros(4))
     views = [View(0, 0.0, EYE, FLU_TO_OPTICAL.T, Atmosphere(0.0003), [drone], daylight, exposure=30.0 ** (daylight < 1.0))
              for daylight in (1.0, 0.002)]
     noon, light = (Oracle(camera, []).boxes(view)[0].score for view in views)

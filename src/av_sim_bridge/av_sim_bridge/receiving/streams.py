@@ -1,9 +1,9 @@
 """The streams of a simulator: datagrams with their time of arrival in; samples, images and states in ROS time out.
 
-Every method `take` is called by the thread of one receiver and does not block. It raises WireError for an unusable
-datagram, ForeignSenderError for one of another sender: a stream has one sender, address and port, at a time, until it has
-sent nothing usable for SILENCE_S. Its parameters are the content of the datagram, `arrival` (s, the system's clock) and
-`sender` (host, port).
+Every method `take` is called by the thread of one receiver, `TruthStream.take` by those of all vehicles, and does not block.
+It raises WireError for an unusable datagram, ForeignSenderError for one of another sender: a stream has one sender, address
+and port, at a time, until it has sent nothing usable for SILENCE_S. Its parameters are the content of the datagram, `arrival`
+(s, the system's clock) and `sender` (host, port).
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 TIME_SYNC_GROUP = '224.0.0.10'
+RIG, FIRST_TARGET = 1, 2    # numbers of the vehicles
 
 
 @dataclass(frozen=True)

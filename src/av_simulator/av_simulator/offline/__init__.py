@@ -1,1 +1,1 @@
-"""Output of simulations to files: sound, video, true states, bags and previews."""
+"""Output of simulations to files: sound, video, true states, bags."""

@@ -10,8 +10,9 @@ import numpy as np
 import soundfile
 from scipy.constants import zero_Celsius
 
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.camera_effects import COUNTS_PER_K
-from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
+from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
 from av_vision.image import to_bgr8
@@ -108,7 +109,7 @@ def _truth_row(sample: TruthSample) -> list[float]:
 
 def _box_rows(view: View, image: RenderedImage) -> list[list]:
     reported = {box.target_id: box.score for box in image.boxes}
-    return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET_ID, *(truth.box or [''] * 4),
+    return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET, *(truth.box or [''] * 4),
              *_rounded([truth.visible_fraction, truth.transmission, reported.get(truth.target_id, 0.0)])]
             for truth in image.truth]
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import mat2quat
 
 from av_common.camera import PinholeCamera
+from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.camera_effects import (
     AIRLIGHT,
     ARM_WARMER_K,
@@ -30,7 +31,7 @@ from av_simulator.rendering.camera_effects import (
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
 from av_simulator.rendering.oracle import look_of
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import FIRST_TARGET_ID, Appearance, Box, Drone, RenderedImage, View, appearance
+from av_simulator.rendering.view import Appearance, Box, Drone, RenderedImage, View, appearance
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
@@ -197,7 +198,7 @@ class SceneRenderer:
     def _owner(self) -> NDArray:
         """Target id of each geom, 0 for other objects; the last element is for the sky."""
         groups = np.array([*self._model.geom_group, 0], np.int32)
-        return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET_ID, 0)
+        return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET, 0)
 
     def _warmth_of(self, solids: list[Solid], drones: int) -> NDArray:
         kinds = self._mujoco.mjtGeom

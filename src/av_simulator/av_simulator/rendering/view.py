@@ -12,7 +12,6 @@ from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.atmosphere import Atmosphere
 
-FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, and 1 is the rig
 ROTOR_RADIUS = 0.15    # relative to the size of the drone
 BODY_SIZE = np.array([0.16, 0.09, 0.06])    # half axes relative to the size of the drone
 HALF_SIZE_PX = 8.0        # width of a target with a score of 0.5 in clear air
