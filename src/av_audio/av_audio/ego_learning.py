@@ -37,24 +37,31 @@ class EgoLearning:
         """Listen from now on; what was heard in an unfinished attempt is discarded."""
         self._pieces, self.refusal = [], ''
 
+    def interrupt(self) -> None:
+        """Listen anew, in an attempt: what follows does not continue what was heard."""
+        if self._pieces is not None:
+            self._pieces = []
+
+    def begin_stream(self, sample_rate: int) -> None:
+        """Listen anew, and forget what was learned at another sample rate than that (Hz) of the stream that begins."""
+        self.interrupt()
+        if self.known is not None and self.known.sample_rate != sample_rate:
+            self.known = self._recording
+
     def forget(self) -> None:
         """Know the recording alone."""
         self._pieces, self.known, self.refusal = None, self._recording, ''
 
-    def add(self, samples: NDArray[np.float32], sample_rate: int, restarts: bool) -> bool:
+    def add(self, samples: NDArray[np.float32], sample_rate: int) -> bool:
         """Take the next samples of the stream; returns whether another noise is known from now on.
 
         Parameters:
             samples (n, m): of all channels, full scale 1.
-            sample_rate (Hz): of the stream. Of another rate nothing is learned.
-            restarts: whether they do not continue those before; it then listens anew.
+            sample_rate (Hz): of the stream.
         """
-        if self.known is not self._recording and self.known is not None and self.known.sample_rate != sample_rate:
-            self.forget()
-            return True
         if self._pieces is None:
             return False
-        self._pieces = [samples] if restarts else [*self._pieces, samples]
+        self._pieces.append(samples)
         if sum(map(len, self._pieces)) < LEARNED_S * sample_rate:
             return False
         heard = NoiseRecording(np.concatenate(self._pieces), sample_rate, 'noise learned in flight')

@@ -98,8 +98,7 @@ class DoaStage:
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
-        if self.ego_noise.is_learning:
-            self.ego_noise.begin()
+        self.ego_noise.interrupt()
         if self._health is not None:
             self._health.clear()
 
@@ -164,9 +163,7 @@ class DoaStage:
         restarts = localizer.restarts - before
         self.without_phases += localizer.without_phases - without
         self.restarts += restarts
-        self._listen(samples, restarts > 0)
-        if self.ego_noise.add(samples, frame.sample_rate, restarts > 0):
-            self._localizer = None
+        self._listen(samples, frame.sample_rate, restarts > 0)
         return estimates if self.used == self._usable else [distrusted(one) for one in estimates]
 
     def _prepare(self, rate: int) -> Localizer:
@@ -174,6 +171,7 @@ class DoaStage:
         if self._health is None or self.sample_rate != rate:
             self._wind, self._health = WindMeter(self._array, rate), ChannelHealth(self._array.channels, rate, self._array)
             self._localizer = None
+            self.ego_noise.begin_stream(rate)
         usable = self._health.usable
         if self._localizer is None or usable != self._usable:
             self._localizer, self._usable = self._localizer_of(usable, rate), usable
@@ -195,12 +193,13 @@ class DoaStage:
                                                self._drone_model, ego_noise)
         return localizer
 
-    def _listen(self, samples: NDArray, begins: bool) -> None:
-        """Take samples (n, m), which may begin anew, for what is judged beside directions."""
+    def _listen(self, samples: NDArray, rate: int, begins: bool) -> None:
+        """Take samples (n, m) at a rate in Hz, which may begin anew, for what is judged and learned beside directions."""
         if self._wind is None or self._health is None:
             return
         if begins:
             self._health.clear()
+            self.ego_noise.interrupt()
             if self._classifier is not None:
                 self._classifier.clear()
         if np.isfinite(samples).all():
@@ -208,6 +207,8 @@ class DoaStage:
             self._health.update(samples)
             if self._classifier is not None:
                 self._classifier.add(samples[:, self.used])
+            if self.ego_noise.add(samples, rate):
+                self._localizer = None
 
 
 def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:

@@ -80,19 +80,37 @@ def test_a_target_that_was_there_costs_confidence(changed):
 def test_a_gap_begins_anew_and_unusable_sound_is_refused():
     noise = np.random.default_rng(8).normal(size=(RATE, 2)).astype(np.float32)
     known = EgoLearning(None)
-    assert not known.add(noise, RATE, restarts=False)
+    assert not known.add(noise, RATE)
     known.begin()
-    assert not any(known.add(noise, RATE, restarts=k == 5) for k in range(14))
-    assert known.add(noise, RATE, restarts=False) and len(known.known.samples) == LEARNED_S * RATE
+    assert not any(known.add(noise, RATE) for _ in range(5))
+    known.interrupt()
+    assert not any(known.add(noise, RATE) for _ in range(9))
+    assert known.add(noise, RATE) and len(known.known.samples) == LEARNED_S * RATE
     for unusable, words in ((noise * [1.0, 0.0], 'silent channel'), (noise * np.nan, 'not finite')):
         known.begin()
-        assert not any(known.add(unusable, RATE, restarts=False) for _ in range(round(LEARNED_S)))
+        assert not any(known.add(unusable, RATE) for _ in range(round(LEARNED_S)))
         assert words in known.refusal and not known.is_learning and np.isfinite(known.known.samples).all()
 
 
-def test_a_stream_of_another_rate_is_not_whitened_by_what_was_learned():
-    noise = np.random.default_rng(9).normal(size=(round(LEARNED_S * RATE), 2)).astype(np.float32)
-    known = EgoLearning(None)
-    known.begin()
-    assert known.add(noise, RATE, restarts=False) and known.known
-    assert known.add(noise[:100], RATE // 2, restarts=True) and known.known is None
+def test_a_stream_of_another_rate_is_heard_and_not_whitened_by_what_was_learned():
+    stage, noise = DoaStage(PAIR), np.random.default_rng(9).normal(size=(2 * RATE, 2))
+    learn(stage, [noise] * 5)
+    assert stage.ego_noise.known
+    assert send(stage, noise, RATE // 2) and stage.ego_noise.known is None
+
+
+def test_what_is_learned_is_of_one_rate():
+    stage, noise = DoaStage(PAIR), np.random.default_rng(10).normal(size=(2 * RATE, 2))
+    stage.ego_noise.begin()
+    send(stage, noise)
+    for _ in range(2):
+        send(stage, noise, RATE // 2)
+        assert stage.ego_noise.is_learning
+    send(stage, noise, RATE // 2)
+    assert len(stage.ego_noise.known.samples) == 6 * RATE and stage.ego_noise.known.sample_rate == RATE // 2
+
+
+def test_samples_that_are_not_finite_begin_an_attempt_anew():
+    stage, noise = DoaStage(PAIR), np.random.default_rng(11).normal(size=(2 * RATE, 2))
+    learn(stage, [noise, noise * np.nan, *[noise] * 5])
+    assert stage.ego_noise.known and not stage.ego_noise.refusal
