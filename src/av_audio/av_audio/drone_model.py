@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -63,7 +64,7 @@ class DroneModel:
         try:
             with np.load(check_file(path, MOST_BYTES, 'model'), allow_pickle=False) as file:
                 return cls._of({name: file[name] for name in file.files})
-        except (LookupError, ArithmeticError, ValueError, EOFError, TypeError, BadZipFile) as error:
+        except (LookupError, ArithmeticError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as error:
             raise ValueError(f'{path} is no model of drone sounds: {error}') from error
 
     @classmethod

@@ -62,10 +62,10 @@ def judge(recording: NoiseRecording, array: MicrophoneArray) -> Verdict:
     if len(recording.samples) < 2.0 * MIN_DURATION_S * rate:
         raise ValueError(f'{recording.name} lasts {len(recording.samples) / rate:.1f} s, expected {2.0 * MIN_DURATION_S:g} s '
                          'or more: one half rates the other')
+    recording.check(array.channels, rate)
     pieces = np.array_split(recording.samples, max(2, round(len(recording.samples) / (PIECE_S * rate))))
     known = recording._replace(samples=np.concatenate(pieces[::2]))
     heard = recording._replace(samples=np.concatenate(pieces[1::2]))
-    known.check(array.channels, rate)
     localizers = [Localizer(array, rate, settings, each) for each in (known, None)]
     windows = heard.windows(round(settings.window_s * rate))
     wrong = np.array([[_wrong(localizers, windows[k % len(windows)], level, settings, rng) for k in range(WINDOWS)]

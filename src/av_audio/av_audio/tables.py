@@ -59,7 +59,10 @@ def read_table(path: str | Path, columns: Sequence[str], optional: Sequence[str]
 def _fields(line: str, separator: str) -> list[str]:
     if separator == ' ':
         return line.split()
-    return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error:  # a field longer than csv takes
+        return [line]
 
 
 def _number(text: str, separator: str, optional: bool) -> float:

@@ -49,7 +49,7 @@ def unfinished_wav(path: Path) -> UnfinishedWav | None:
     while kind in (b'RIFF', b'RF64') and form == b'WAVE' and place + 8 <= end:
         file.seek(place)
         name, size = _CHUNK.unpack(file.read(8))
-        large = kind == b'RF64' and name == b'ds64'
+        large = kind == b'RF64' and name == b'ds64' and place + 24 <= end
         if large:
             file.seek(place + 16)
             total, = struct.unpack('<Q', file.read(8))

@@ -60,3 +60,11 @@ def test_one_microphone_in_two_channels_is_no_recording_of_two():
     one = flying(PAIR)[:, :1]
     with pytest.raises(ValueError, match='the same sound in channels 0, 1'):
         judge(NoiseRecording(np.repeat(one, 2, axis=1), RATE), PAIR)
+
+
+def test_a_recording_with_samples_that_are_not_finite_is_refused():
+    """In the half that rates the other, too."""
+    alone = flying(PAIR)
+    alone[RATE + 100] = np.nan
+    with pytest.raises(ValueError, match='not finite'):
+        judge(NoiseRecording(alone, RATE), PAIR)

@@ -128,6 +128,16 @@ def test_a_killed_recorder_of_large_files(tmp_path):
     np.testing.assert_allclose(read_sound(tmp_path / 'killed.wav')[0], samples, atol=1e-4)
 
 
+def test_a_header_that_breaks_off_is_refused(tmp_path):
+    """As of a disk that was full at once."""
+    for kind in ('WAV', 'RF64'):
+        content, _ = written(kind)
+        for size in range(44):
+            (tmp_path / 'cut.wav').write_bytes(content[:size])
+            with pytest.raises((OSError, ValueError), match=r'cut\.wav'):
+                read_sound(tmp_path / 'cut.wav')
+
+
 def test_what_follows_the_samples_is_no_sound(tmp_path):
     content, samples = written('WAV')
     content += chunk(b'LIST', b'INFO' + chunk(b'ICMT', b'over the field')) + chunk(b'cue ', bytes(28))

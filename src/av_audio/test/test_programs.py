@@ -272,6 +272,8 @@ def test_truth_is_read_as_programs_write_it(tmp_path, name, encoding):
     ('', 'expected the columns'),
     ('time,azimuth_deg\n0,10\n1,north\n', "line 3: '1,north', expected numbers"), ('time,azimuth_deg\n', 'has no rows'),
     ('time,azimuth_deg\n0,0,10,5\n', "line 2: '0,0,10,5' has more fields"),    # commas that are both
+    ('x' * 200_000, "first line is 'x+.*expected the columns"),
+    (f'time,azimuth_deg\n1,"{"x" * 200_000}\n', "line 2: .* expected numbers"),
     ('time,azimuth_deg\n,10\n', "line 2: ',10', expected numbers"), ('time,azimuth_deg\n1,1\n0,2\n', 'time 0 follows 1')])
 def test_what_is_no_truth_is_said_by_line(tmp_path, text, words):
     (tmp_path / 'truth.csv').write_text(text)
