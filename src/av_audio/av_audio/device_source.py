@@ -69,6 +69,7 @@ class DeviceSource:
         self._buffer = buffer
         self._stop.clear()
         self._process = self._open()
+        self.lost = self._next_sample > 0  # what it missed while it was stopped
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -136,8 +137,8 @@ class DeviceSource:
         begin = self._now() - age
         self.overflows += overflowed
         if (overflowed or self.lost) and self._next_sample:
-            missing = min(begin - self.time_of(self._next_sample), LONGEST_LOSS_S)
-            self._next_sample += max(0, round(missing * self.sample_rate))
+            missing = min(begin - self.time_of(self._next_sample), LONGEST_LOSS_S)  # NaN where no block was dated yet
+            self._next_sample += round(missing * self.sample_rate) if missing > 0.0 else 0
         self.lost = False
         stamp, restarts = self._next_sample / self.sample_rate, self.clock.restarts
         is_dated = self.clock.date(stamp, begin) is not None
@@ -155,7 +156,7 @@ class DeviceSource:
                 self._process = self._open()
                 self.reopened += 1
                 return
-            except ValueError:
+            except (ValueError, OSError):  # OSError: no memory for a process, or too many open files
                 continue
 
     def _end_process(self) -> None:

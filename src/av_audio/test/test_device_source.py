@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from av_audio import device_source
 from av_audio.device_process import HEADER
 from av_audio.device_source import DeviceSource
 from av_audio.ring_buffer import RingBuffer
@@ -36,6 +37,41 @@ def test_overflows_are_counted_and_what_was_lost_is_a_gap():
     assert abs(after - firsts[-1] - BLOCK - 0.1 * RATE) < 0.002 * RATE
     assert capture.take() == after + BLOCK
     assert abs(capture.source.time_of(after) - (capture.now - 2 * BLOCK / RATE)) < 2e-3
+
+
+def test_what_is_missed_while_it_is_stopped_is_a_gap(monkeypatch):
+    capture = Capture()
+    firsts = [capture.take() for _ in range(60)]
+    for step in ('_open', '_run', '_end_process'):
+        monkeypatch.setattr(capture.source, step, lambda: None)
+    capture.source.stop()
+    capture.source.start(capture.buffer)
+    after = capture.take(later=0.6)
+    assert abs(after - firsts[-1] - BLOCK - 0.6 * RATE) < 0.002 * RATE and not capture.source.lost
+    assert abs(capture.source.time_of(after) - (capture.now - BLOCK / RATE)) < 2e-3
+
+
+def test_an_overflow_before_the_clock_is_known_is_counted():
+    """As of simulated time that has not begun."""
+    capture = Capture()
+    capture.now = -10.0
+    assert capture.take() == capture.take(overflowed=True) == 0
+    assert capture.source.overflows == 1
+
+
+def test_a_device_is_opened_again_after_there_was_no_memory_for_it(monkeypatch):
+    attempts = [OSError('Cannot allocate memory'), None]
+
+    def open_again():
+        if error := attempts.pop(0):
+            raise error
+
+    source = DeviceSource('', RATE)
+    monkeypatch.setattr(device_source, 'RETRY_S', 0.01)
+    monkeypatch.setattr(source, '_open', open_again)
+    monkeypatch.setattr(source, '_end_process', lambda: None)
+    source._reopen()
+    assert source.reopened == 1
 
 
 def test_an_overflow_that_lost_nothing_leaves_no_gap():
