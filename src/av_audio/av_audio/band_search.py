@@ -98,6 +98,8 @@ class BandSearch:
         speed_of_sound (m/s): speed of sound.
         method: one of BAND_METHODS.
         recording: spectra (m, k) of windows of the rig alone, by which spectra are whitened; empty whitens nothing.
+
+    Raises ValueError when there are fewer frequencies than one band needs.
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, weights: NDArray, speed_of_sound: float, method: str,
@@ -106,6 +108,9 @@ class BandSearch:
         spacing = float(frequencies[1] - frequencies[0])
         self._bins = max(array.channels, round(BAND_HZ / spacing))
         self._count = len(frequencies) // self._bins
+        if not self._count:
+            raise ValueError(f'{len(frequencies)} frequency bins, expected at least {self._bins}: the band is too narrow, or '
+                             'the window too short')
         centres = frequencies[:self._count * self._bins].reshape(self._count, -1).mean(axis=1, keepdims=True)
         # Bands overlap by half. Their taper, half a sine (Harris, 1978), keeps lines and bursts apart from their neighbours.
         within = np.arange(2 * self._bins) + 0.5

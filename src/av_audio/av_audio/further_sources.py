@@ -58,7 +58,7 @@ class FurtherSources(SteeredResponse):
         self._least_height = LEAST_COHERENCE * self._used * len(self._baselines.pairs)
         self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
-        _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
+        _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3**array.rank))
         self._neighbours = np.ascontiguousarray(neighbours[:, 1:].T)
         wavelength = speed_of_sound / (float(frequencies.mean()) * array.aperture)
         self._apart, self._resolved = SEPARATION * wavelength, RESOLVED * wavelength

@@ -10,6 +10,7 @@ from scipy import fft  # scipy.signal would double the time in which a node star
 LEAST_RESPONSE = 0.1
 # Up to this share of half of the sample rate converters pass what they sample.
 CONVERTED_SHARE = 0.92
+LEAST_BINS, LEAST_HZ = 16, 32.0  # of the band: two groups of bins (`GROUP_HZ` of even_phases.py)
 # Of the low-pass prototype: 24 dB per octave beyond either edge.
 ORDER = 4
 # The sound of drones fades above.
@@ -32,24 +33,24 @@ class SpectrumAnalyzer:
         band_hz (Hz): lower and upper edge of the band, at most half of the sample rate; what converters filter is left out.
         highest_hz (Hz): bins above the band that are kept, up to this frequency.
 
-    Raises ValueError when the band does not fit the sample rate or the window is too short for it.
+    Raises ValueError when the band does not fit the sample rate, or is too narrow, or the window is too short for it.
     """
 
     def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], highest_hz: float = 0.0) -> None:
         low, high = band_hz
         converted = CONVERTED_SHARE * sample_rate / 2.0
         if not (0.0 < low < high <= sample_rate / 2.0 and low < converted):
-            raise ValueError(f'band_hz={low:g}..{high:g} must rise and lie within 0..{sample_rate / 2:g} Hz, '
-                             f'half of the sample rate')
+            raise ValueError(f'band_hz={low:g}..{high:g} must rise, begin between 0 and {converted:g} Hz, and end at most at '
+                             f'{sample_rate / 2:g} Hz, half of the sample rate')
         high = min(high, converted)
         frequencies = fft.rfftfreq(window_samples, 1.0 / sample_rate)
         response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), ORDER)
         above = (frequencies > high) & (frequencies <= highest_hz)
         used = np.flatnonzero((response > LEAST_RESPONSE) | above)
         passed = np.count_nonzero(response > LEAST_RESPONSE)
-        if passed < 16:
-            raise ValueError(f'{passed} frequency bins in {low:g}..{high:g} Hz; the window of '
-                             f'{window_samples / sample_rate:g} s is too short')
+        if passed < LEAST_BINS or passed * frequencies[1] < LEAST_HZ:
+            raise ValueError(f'{passed} frequency bins in {low:g}..{high:g} Hz, expected {LEAST_BINS} over {LEAST_HZ:g} Hz: '
+                             f'the window of {window_samples / sample_rate:g} s is too short, or the band too narrow')
         self._bins = slice(used[0], used[-1] + 1)
         self._taper = tukey(window_samples, TAPER).astype(np.float32)
         leakage = fft.rfft(self._taper)

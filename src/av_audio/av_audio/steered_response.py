@@ -237,7 +237,7 @@ def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> ND
 def direction_grid(rank: int, points_per_unit: float) -> NDArray:
     """Points (g, rank) that fill the ball |q| <= MARGIN (a unit sphere for rank 3), dense enough not to miss a lobe."""
     if rank == 3:    # a Fibonacci lattice
-        count = int(np.ceil(4.0 * np.pi * points_per_unit**2))
+        count = max(4, int(np.ceil(4.0 * np.pi * points_per_unit**2)))  # fewer span no space
         up = 1.0 - (2.0 * np.arange(count) + 1.0) / count
         turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
         return np.stack([np.cos(turn) * np.sqrt(1.0 - up**2), np.sin(turn) * np.sqrt(1.0 - up**2), up], axis=1)

@@ -191,10 +191,21 @@ def test_level_is_that_of_the_band():
 @pytest.mark.parametrize('settings, message', [
     ({'window_s': 0.0}, 'window_s=0.0'), ({'hop_s': -1.0}, 'hop_s=-1.0'), ({'method': 'magic'}, "method 'magic'"),
     ({'band_hz': (200.0, 30_000.0)}, 'half of the sample rate'), ({'band_hz': (4000.0, 200.0)}, 'band_low is 4000'),
+    ({'band_hz': (300.0, 302.0), 'window_s': 10.0, 'method': 'phat'}, 'too narrow'),
+    ({'band_hz': (300.0, 310.0), 'window_s': 10.0, 'method': 'mvdr'}, 'too narrow'),
     ({'elevation_deg': (50.0, 10.0)}, 'elevation_min_deg is 50')])
 def test_bad_settings_say_what_is_wrong(settings, message):
     with pytest.raises(ValueError, match=message):
         Localizer(PAIR, RATE, LocalizerSettings(**settings))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_arrays_far_smaller_than_a_wavelength_hear(method):
+    """Of so few directions on the grid some have fewer neighbours than usual."""
+    for positions in (SQUARE.positions, 0.005 * np.vstack([np.zeros(3), np.eye(3)])):
+        array = MicrophoneArray(positions)
+        settings = LocalizerSettings(method=method, band_hz=(100.0, 250.0), wideband=False, max_sources=4)
+        assert len(only(Localizer(array, RATE, settings).process(plane_wave(array, 30.0), 0)).azimuth)
 
 
 def test_wrong_channels_say_what_is_expected():
