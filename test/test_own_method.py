@@ -92,7 +92,8 @@ def test_directions_keep_angles_and_variances_in_arrays_that_resolve_them(positi
     assert np.sqrt(found.variances[:, nearest]) == pytest.approx(np.radians([2.0, 4.0]), rel=0.1)
 
 
-@pytest.mark.parametrize('wrong', [Direction(np.nan, 0.01), Direction(0.1, 0.0), Direction(0.1, 0.01, confidence=1.5)])
+@pytest.mark.parametrize('wrong', [Direction(np.nan, 0.01), Direction(0.1, 0.0), Direction(0.1, 0.01, 0.0, -0.01),
+                                   Direction(0.1, 0.01, confidence=1.5)])
 def test_a_direction_that_is_none_is_refused(wrong):
     with pytest.raises(ValueError, match='finite angles'):
         peak_of(wrong, MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]))

@@ -51,7 +51,8 @@ def peak_of(found: Direction, array: MicrophoneArray) -> Peak:
 
     Raises ValueError for a direction that is none.
     """
-    if not (all(map(math.isfinite, found)) and found.azimuth_variance > 0.0 and 0.0 <= found.confidence <= 1.0):
+    if not (all(map(math.isfinite, found)) and min(found.azimuth_variance, found.elevation_variance) > 0.0
+            and 0.0 <= found.confidence <= 1.0):
         raise ValueError(f'{found}: expected finite angles, variances above 0 and a confidence of 0 to 1')
     step = 1e-4
     ahead, aside, above = (angles_to_direction(found.azimuth + a, found.elevation + e) @ array.basis

@@ -116,13 +116,13 @@ class DoaStage:
             frame: the block of samples that follows the one before; a gap or a step back restarts the window.
             arrival (s): time of its arrival. Not used: results are stamped by the capture time of the frame.
 
-        Raises ValueError when the frame contradicts itself or does not fit the array or the settings; unfinished windows
-        are then discarded.
+        Raises ValueError when the frame contradicts itself or does not fit the array or the settings, and whatever a method of
+        another package raises; unfinished windows are then discarded.
         """
         begin = to_seconds(frame.header.stamp)
         try:
             estimates = self.estimates(frame)
-        except ValueError:
+        except Exception:
             self.reset()
             raise
         messages = []

@@ -1,5 +1,6 @@
 """The stage that node, replay and experiments share, on message objects."""
 
+import contextlib
 from array import array
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from std_msgs.msg import Float32MultiArray, Header
 
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import audio_frame
+from av_audio.methods import DOA_METHODS, Direction
 from av_audio.stage import DoaStage, localizer_settings, make_doa_stage
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -55,6 +57,26 @@ def test_it_is_the_localizer_on_the_same_samples():
     estimates = Localizer(PAIR, RATE, LocalizerSettings(method='phat')).process(samples, 0)
     messages = feed(DoaStage(PAIR, LocalizerSettings(method='phat')), samples)
     assert [m.hypotheses[0].azimuth for m in messages] == pytest.approx([e.azimuth[0] for e in estimates], rel=1e-6)
+
+
+def test_a_method_that_fails_discards_its_window(monkeypatch):
+    """Of the samples after the window some may be lost: what follows does not continue it."""
+    begins, messages = [], []
+
+    def failing_at_first(window):
+        begins.append(window[0, 0])
+        if len(begins) == 1:
+            raise RuntimeError('no direction')
+        return [Direction(0.0, 0.1)]
+
+    monkeypatch.setattr(DOA_METHODS, 'check', lambda name: None)
+    monkeypatch.setattr(DOA_METHODS, 'load', lambda name: lambda array, rate: failing_at_first)
+    stage, samples = DoaStage(PAIR, LocalizerSettings(method='failing_at_first', window_s=0.51)), sound(1.2)
+    for frame in frames(samples):
+        with contextlib.suppress(RuntimeError):
+            messages += stage.on_audio(frame, 0.0)
+    assert begins[1] == samples[16 * BLOCK, 0]
+    assert to_seconds(messages[0].header.stamp) == pytest.approx(100.0 + 16 * BLOCK / RATE + 0.255, abs=1e-6)
 
 
 def test_messages_of_other_libraries_serve_as_well():
