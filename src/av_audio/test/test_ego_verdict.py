@@ -1,6 +1,7 @@
 """The verdict on a recording of the rig alone: what it buys and when the rig is deaf."""
 
 import contextlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import soundfile
 from flying_rig import RING, FlyingRig
 from known_sound import PAIR, RATE
 
-from av_audio.cli import record_ego_noise
+from av_audio.cli import guided_recording, record_ego_noise
 from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_verdict import judge
 
@@ -41,12 +42,16 @@ def test_noise_of_the_microphones_cannot_be_bought_off():
 
 def test_the_program_records_and_judges(tmp_path, monkeypatch, capsys):
     PAIR.save(tmp_path / 'pair.yaml')
-    monkeypatch.setattr(record_ego_noise, 'pieces', lambda source, requests, dwell: [flying(PAIR, 3.0) for _ in requests])
-    monkeypatch.setattr(record_ego_noise, 'DeviceSource', lambda device, rate, channels: type('', (), {'sample_rate': RATE}))
+    monkeypatch.setattr(guided_recording, 'pieces', lambda source, requests, *_: [flying(PAIR, 3.0) for _ in requests])
+    device = SimpleNamespace(sample_rate=RATE, channels=2)
+    monkeypatch.setattr(record_ego_noise, 'DeviceSource', lambda name, rate, channels: device)
     arguments = [str(tmp_path / 'alone.wav'), '--array', str(tmp_path / 'pair.yaml')]
     record_ego_noise.main([*arguments, '--throttle', '40', '60'])
     told = capsys.readouterr()
     assert 'the recording buys' in told.out and not told.err and soundfile.info(tmp_path / 'alone.wav').duration == 6.0
+    for name, words in (('alone', 'a name such as sound.wav'), ('absent/alone.wav', 'No such file or directory')):
+        with pytest.raises(SystemExit, match=f'record_ego_noise: .*{words}'):
+            record_ego_noise.main([str(tmp_path / name), *arguments[1:]])
     RING.save(tmp_path / 'pair.yaml')
     with pytest.raises(SystemExit, match=r'expected \(n, 8\)'):
         record_ego_noise.main([*arguments, '--judge'])

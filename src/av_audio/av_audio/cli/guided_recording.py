@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Protocol
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.ring_buffer import RingBuffer
+from av_common.files import one_line
 
 BUFFER_BYTES = 4_000_000    # 10 s of two channels at 48 kHz
 SILENT_S = 5.0    # without samples, after which the device counts as lost
@@ -43,11 +45,10 @@ def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound:
 
     Raises ValueError when the device cannot be opened or is lost, OSError when a file cannot be written.
     """
-    import soundfile
     requests = [f'{number} of {len(azimuths_deg)}: loudspeaker to {azimuth:+g} deg ({_in_words(azimuth)}), as high as the '
                 'microphones and 2 m or more away; let it hiss and press Enter'
                 for number, azimuth in enumerate(azimuths_deg, start=1)]
-    soundfile.write(str(sound), np.concatenate(pieces(source, requests, dwell_s, ask)), source.sample_rate)
+    record_sound(source, requests, dwell_s, sound, ask)
     with Path(truth).open('w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(['time', 'azimuth_deg'])
@@ -55,7 +56,23 @@ def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound:
             table.writerows([[k * dwell_s, azimuth], [(k + 1) * dwell_s - 1e-3, azimuth]])
 
 
-def pieces(source: Source, requests: Sequence[str], dwell_s: float, ask: Callable[[str], object] = input) -> list[NDArray]:
+def record_sound(source: Source, requests: Sequence[str], dwell_s: float, path: str | Path,
+                 ask: Callable[[str], object] = input) -> None:
+    """Write what a device hears for `dwell_s` s after each request was fulfilled. Parameters and errors as of `record`.
+
+    Whether the file can be written is tried before a person has worked for minutes.
+    """
+    import soundfile
+    try:
+        soundfile.write(BytesIO(), np.zeros((1, source.channels)), source.sample_rate, format=Path(path).suffix[1:])
+    except (soundfile.LibsndfileError, TypeError, ValueError) as error:
+        raise OSError(f'{path} cannot be written: {one_line(error)}; expected a name such as sound.wav') from error
+    with Path(path).open('ab'):
+        pass
+    soundfile.write(str(path), np.concatenate(pieces(source, requests, dwell_s, ask)), source.sample_rate)
+
+
+def pieces(source: Source, requests: Sequence[str], dwell_s: float, ask: Callable[[str], object]) -> list[NDArray]:
     """What a device hears (n, channels) for `dwell_s` s after each request was fulfilled; other parameters as of `record`."""
     buffer = RingBuffer(source.channels, BUFFER_BYTES)
     heard: list[NDArray] = []

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from av_audio.cli.guided_recording import pieces
+from av_audio.cli.guided_recording import record_sound
 from av_audio.device_source import DeviceSource
 from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_verdict import judge
@@ -26,12 +26,11 @@ WORTH_DB = 3.0  # of the gain: half of the own noise, or the range times 1.4
 
 def record(options: argparse.Namespace, array: MicrophoneArray) -> None:
     """Record each throttle. Raises OSError or ValueError."""
-    import soundfile
     source = DeviceSource(options.device, options.sample_rate, options.channels or range(array.channels))
     texts = [f'motors at {share:g} % (tied down on a tripod, propellers on, nobody within their reach)'
              for share in options.throttle] or ['hover, and turn slowly']
     requests = [f'{number} of {len(texts)}: {text}; no other sound; press Enter' for number, text in enumerate(texts, start=1)]
-    soundfile.write(options.file, np.concatenate(pieces(source, requests, options.dwell)), source.sample_rate)
+    record_sound(source, requests, options.dwell, options.file)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
