@@ -113,7 +113,7 @@ class FileSource:
 
     def __init__(self, path: str | Path, channels: Sequence[int] = (), block_samples: int = 1600, loop: bool = False,
                  now: Callable[[], float] = time.time) -> None:
-        self._file = open_sound(path)
+        self._path, self._file = path, open_sound(path)
         self._picked = pick_channels(self._file.channels, channels, str(path))
         self._block = block_samples
         self._loop = loop
@@ -147,7 +147,7 @@ class FileSource:
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
-        self._file.seek(0)
+        self._rewind()
 
     def close(self) -> None:
         """Stop and close the file."""
@@ -162,7 +162,11 @@ class FileSource:
         """Write each block when its last sample is due. The first sample is due in `lead` s, or was before."""
         begin = time.monotonic() + lead
         sent = max(0, int(-lead * self.sample_rate) // self._block * self._block)
-        self._file.seek(sent % self._file.frames if self._loop else min(sent, self._file.frames))
+        if self._file.frames == FRAMES_UNKNOWN:  # nor can it seek beyond
+            for _ in range(sent // self._block):
+                self._read_block()
+        else:
+            self._file.seek(sent % self._file.frames if self._loop else min(sent, self._file.frames))
         while not self._stop.is_set():
             samples = self._read_block()
             if not len(samples):
@@ -185,5 +189,13 @@ class FileSource:
             if missing and not self._loop:
                 break
             if missing:
-                self._file.seek(0)
+                self._rewind()
         return np.concatenate(blocks)[:, self._picked]
+
+    def _rewind(self) -> None:
+        """Go to the beginning; libsndfile cannot, after the end of a file whose header states no length."""
+        if self._file.frames == FRAMES_UNKNOWN:
+            self._file.close()
+            self._file = open_sound(self._path)
+        else:
+            self._file.seek(0)

@@ -162,6 +162,16 @@ def test_a_stream_whose_header_states_no_length_is_read_to_its_last_sample(tmp_p
     content[22:26] = bytes(4)
     (tmp_path / 'stream.flac').write_bytes(content)
     np.testing.assert_allclose(read_sound(tmp_path / 'stream.flac')[0], samples, atol=1e-4)
+    source = FileSource(tmp_path / 'stream.flac', block_samples=1600)
+    for _ in range(2):  # it can be started again after its end
+        np.testing.assert_allclose(collect(source, len(samples)), samples, atol=1e-4)
+    source.close()
+    source, buffer = FileSource(tmp_path / 'stream.flac', block_samples=1600, loop=True, now=lambda: 100.0), RingBuffer(2)
+    source.start(buffer, begin=91.0)  # in the seventh repetition
+    buffer.wait(5.0)
+    first, block = buffer.read(1600)
+    source.close()
+    np.testing.assert_allclose(block, np.roll(samples, -(first % len(samples)), axis=0)[:len(block)], atol=1e-4)
 
 
 def test_the_killed_recorder_of_the_field():
