@@ -36,11 +36,11 @@ def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
 
     Parameters:
         frequencies (k,) (Hz): frequencies of the bins.
-        blade_pass_hz (r,) (Hz): blade-pass frequencies; 0 for a rotor that stands still.
+        blade_pass_hz (r,) (Hz): blade-pass frequencies; about 0 for a rotor that stands still.
     """
     free = np.ones(len(frequencies), bool)
     for fundamental in np.asarray(blade_pass_hz, dtype=float):
-        if fundamental > 0.0:
+        if fundamental > 2.0 * NOTCH_HZ:  # lines closer than notches are wide leave nothing, and such a rotor is not heard
             order = np.maximum(1.0, np.round(frequencies / fundamental))
             distance = np.abs(frequencies - order * fundamental)
             free &= distance > NOTCH_HZ + NOTCH_SHARE * frequencies
