@@ -35,7 +35,7 @@ def multirotor(rng: np.random.Generator) -> Samples:
     """A drone of 3 to 8 rotors, of 0.1 to 30 kg, hovering or manoeuvring."""
     rotors = int(rng.choice([3, 4, 6, 8], p=[0.04, 0.66, 0.18, 0.12]))
     blades = int(rng.choice([2, 3, 4], p=[0.7, 0.25, 0.05]))
-    hover = np.exp(rng.uniform(np.log(75.0), np.log(520.0))) / blades  # Hz; small drones are fast
+    hover = log_uniform(rng, 75.0, 520.0) / blades  # Hz; small drones are fast
     spread = rng.uniform(0.005, 0.12)
     speeds = hover * (1.0 + spread * rng.standard_normal(rotors))
     falling = -np.cumsum(np.abs(rng.normal(rng.uniform(0.5, 3.0), 1.5, 8)))
@@ -112,7 +112,7 @@ def _manoeuvres(rng: np.random.Generator, rotors: int) -> Callable[[NDArray], ND
 
 def _motor_whine(rng: np.random.Generator, speeds: NDArray) -> Samples:
     """Lines (n,) of the motors' commutation at multiples of each rotor's speed (Hz, (n, rotors)), of about unit power."""
-    multiple = max(1.0, round(np.exp(rng.uniform(np.log(700.0), np.log(4500.0))) / speeds.mean()))
+    multiple = max(1.0, round(log_uniform(rng, 700.0, 4500.0) / speeds.mean()))
     wander = wandering(rng, 10.0 ** rng.uniform(-3.0, -1.7), rng.uniform(1.0, 20.0))
     second = rng.uniform(0.0, 0.7)
     levels = np.array([1.0, second])

@@ -7,6 +7,7 @@ from material import RATE
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
+from waves import log_uniform
 
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.hearing.places import shoebox
@@ -25,7 +26,7 @@ def room(array: MicrophoneArray, rng: np.random.Generator) -> list[tuple[NDArray
     High frequencies decay faster; the level of the direct sound over all else is drawn.
     """
     while True:
-        size, t60 = rng.uniform(SMALLEST_M, LARGEST_M), float(np.exp(rng.uniform(*np.log(T60_S))))
+        size, t60 = rng.uniform(SMALLEST_M, LARGEST_M), log_uniform(rng, *T60_S)
         try:
             box = shoebox(size, t60, LARGEST_ORDER, RATE)
             break

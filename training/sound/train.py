@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scenes import Scenes, crop
 from sklearn.linear_model import LogisticRegression
 from torch.nn.functional import binary_cross_entropy_with_logits, pad
+from waves import log_uniform
 
 from av_audio.drone_features import LINE_CELLS, LINES, DroneFeatures
 from av_audio.drone_model import FUNDAMENTALS, LOWEST_CELL, STEPS, DroneModel, standardised
@@ -64,8 +65,8 @@ class Material:
     def _of_kind(self, kind: str, slowest: float, fastest: float) -> tuple[NDArray, str]:
         items = self._by_kind[kind]
         part = crop(items[int(self._rng.integers(len(items)))].samples, self._rng)
-        speed = np.exp(self._rng.uniform(np.log(slowest), np.log(fastest)))
-        places = np.arange(len(part)) * speed  # played faster or slower, as something of another size would sound
+        speed = log_uniform(self._rng, slowest, fastest)  # as something of another size would sound
+        places = np.arange(len(part)) * speed
         return np.interp(places % (len(part) - 1), np.arange(len(part)), part), kind
 
 

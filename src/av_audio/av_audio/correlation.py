@@ -52,7 +52,7 @@ class Correlation(SteeredResponse):
         """
         cross, power = self._cross(spectra)
         weights = self._weighting(cross, power, self._band)
-        peak = self.highest_peak(spectra, self._baselines.sum(cross * weights))
+        peak = self.highest_peak(self._baselines.sum(cross * weights))
         if not self._drift.usable or peak.significance <= 0.0:
             return peak, None
         return peak, self._drift.estimate(spectra, weights, peak.q)

@@ -62,7 +62,7 @@ class EvenPhases(SteeredResponse):
         signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
         cut = (phases_of(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)
         weighted = np.concatenate([self._cross(part) for part in (whole, *cut)], axis=1)[:, self._order]
-        peak = self.highest_peak(spectra, weighted)
+        peak = self.highest_peak(weighted)
         return self._among_reflections(peak, phases, weighted) if peak.significance > 0.0 else (peak, peak.bias)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:

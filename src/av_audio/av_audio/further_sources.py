@@ -165,7 +165,7 @@ class FurtherSources(SteeredResponse):
         others = found[:k] + found[k + 1:]
         weighted = self._without(phases, others)
         curve = np.where(self._are_apart(others), self.curve(weighted), 0.0)
-        peak = self._peak(weighted, self._search(weighted, weighted, np.where(self._are_apart([found[k]]), 0.0, curve)), curve)
+        peak = self._peak(weighted, self._search(weighted, np.where(self._are_apart([found[k]]), 0.0, curve)), curve)
         found[k] = peak.q
         return peak
 
@@ -210,7 +210,7 @@ class FurtherSources(SteeredResponse):
         if not tops.any():
             return None
         curve = np.where(free, curve, 0.0)
-        return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, 0.0)), curve)
+        return self._peak(weighted, self._search(weighted, np.where(tops, curve, 0.0)), curve)
 
     def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
         """Which points of the grid (g,) are other directions than those found."""

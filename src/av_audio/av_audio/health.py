@@ -107,7 +107,7 @@ class ChannelHealth:
     @property
     def faults(self) -> list[ChannelFault]:
         """What is wrong, by the windows until now."""
-        return [ChannelFault(text, _mend(kind, channels), kind in SEVERE) for (kind, channels), text in self._told.items()]
+        return [ChannelFault(text, _mend(kind), kind in SEVERE) for (kind, _), text in self._told.items()]
 
     @property
     def usable(self) -> list[int]:
@@ -133,7 +133,7 @@ class ChannelHealth:
                   for k in np.flatnonzero(steady)}
         found |= {('clips', (k,)): f'channel {k} clips in {100.0 * share:.1f} % of the samples'
                   for k in range(self._channels) if (share := _clipped(window[k])) > CLIPPED_SHARE}
-        found |= {('copy', same): f'channels {_listed(same)} are identical: one microphone, not an array'
+        found |= {('copy', same): f'channels {", ".join(map(str, same))} are identical: one microphone, not an array'
                   for same in copies(sound)}
         open_kinds = {'dead', 'offset', 'clips', 'copy'}
         if not dead.any() and not any(kind == 'copy' for kind, _ in found) and len(self._pairs):
@@ -320,11 +320,7 @@ def copies(sound: NDArray) -> list[tuple[int, ...]]:
     return groups
 
 
-def _listed(channels: tuple[int, ...]) -> str:
-    return ', '.join(map(str, channels))
-
-
-def _mend(kind: str, channels: tuple[int, ...]) -> str:
+def _mend(kind: str) -> str:
     """What to do about a kind of fault."""
     return {'copy': 'choose other channels of audio_node; `ros2 run av_view doctor --only devices` shows what there is',
             'clips': 'lower the gain: alsamixer', 'inverted': 'exchange the two wires of its balanced plug, or turn its sign',

@@ -93,10 +93,10 @@ class SteeredResponse:
         self._axes = np.ascontiguousarray(self.grid.T)  # (rank, g): sums over axes are faster by rows
         self._to_grid = _interpolation(self.grid @ self._slowness.T, reach, 2 * len(delays) - 1)
 
-    def highest_peak(self, spectra: NDArray, weighted: NDArray) -> Peak:
-        """The highest peak of weighted cross-spectra (u, k) by baseline, which stem from spectra (m, k)."""
+    def highest_peak(self, weighted: NDArray) -> Peak:
+        """The highest peak of weighted cross-spectra (u, k) by baseline."""
         curve = self.curve(weighted)
-        return self._peak(weighted, self._search(spectra, weighted, curve), curve)
+        return self._peak(weighted, self._search(weighted, curve), curve)
 
     def curve(self, weighted: NDArray) -> NDArray:
         """J on the grid of directions (g,) for weighted cross-spectra (u, k)."""
@@ -108,11 +108,10 @@ class SteeredResponse:
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
         return weighted * (np.cos(angles) - 1j * np.sin(angles))
 
-    def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
+    def _search(self, weighted: NDArray, curve: NDArray) -> NDArray:
         """Position q (rank,) of the maximum.
 
         Parameters:
-            spectra (m, k): spectra of the window.
             weighted (u, k): weighted cross-spectra.
             curve (g,): J on the grid of directions.
         """
