@@ -229,7 +229,13 @@ class Bag(AbstractContextManager['Bag']):
         """
         if kind not in self._stores:
             text, store = self._definitions.get(kind), get_typestore(Stores.EMPTY)
-            store.register(installed_types(kind) if text is None else completed(parse(kind, text)))
+            try:
+                store.register(installed_types(kind) if text is None else completed(parse(kind, text)))
+            except Exception:  # rosbags raises any type, such as for two fields of one name
+                if text is None:
+                    raise
+                del self._definitions[kind]
+                return self._types(kind)
             self._stores[kind] = store
         return self._stores[kind]
 
@@ -266,7 +272,7 @@ class Bag(AbstractContextManager['Bag']):
     def _by_step(self, reader: Reader) -> list[Reader]:
         """Copies of an open file in whose course the clock was set back, one for each clock."""
         path, problems = Path(str(reader.path)), list[str]()
-        records = records_of_file(path, problems) if path.suffix == '.mcap' else records_of_database(reader)
+        records = records_of_file(path, problems) if path.suffix == '.mcap' else records_of_database(reader, problems)
         copies = copy_in_order(records, self._new_folder() / f'{path.stem}.mcap', MOST_STEPS)
         self._problems.update(dict.fromkeys(problems))
         return [self._opened_reader(copy) for copy in copies]

@@ -6,12 +6,10 @@ clock was set back, each clock to a file of its own.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -22,8 +20,6 @@ from rosbags.rosbag2 import Reader
 from av_bags.decompression import decompress
 from av_bags.timeline import Steps
 
-# Errors that reading damaged bytes can raise.
-DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, OSError, MemoryError, KeyError)
 PLAUSIBLE_RECORD_BYTES = 2**31  # a longer record has a damaged length: chunks are some MB
 
 
@@ -66,15 +62,24 @@ def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int = 0
     return [copy.path for copy in copies]
 
 
-def records_of_database(reader: Reader) -> Iterator[McapRecord]:
-    """Schemas, channels and messages of an open sqlite3 file in the order of their recording."""
+def records_of_database(reader: Reader, problems: list[str]) -> Iterator[McapRecord]:
+    """Schemas, channels and messages of an open sqlite3 file in the order of their recording, up to where it is damaged.
+
+    Parameters:
+        reader: the file.
+        problems: takes a description of the damage.
+    """
     for connection in reader.connections:
         encoding = 'ros2idl' if connection.msgdef.format == MessageDefinitionFormat.IDL else 'ros2msg'
         yield Schema(connection.id, connection.msgdef.data.encode(), encoding, connection.msgtype)
         yield Channel(connection.id, connection.topic, 'cdr', {}, connection.id)
-    rows = reader.storage.dbconn.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
-    for number, (topic, time_ns, data) in enumerate(rows):
-        yield Message(topic, time_ns, data, time_ns, number)
+    rows = reader.storage.dbconn.execute("SELECT topic_id, timestamp, data FROM messages WHERE typeof(data) = 'blob' "
+                                         "AND typeof(timestamp) = 'integer' AND timestamp >= 0 ORDER BY id")
+    try:
+        for number, (topic, time_ns, data) in enumerate(rows):
+            yield Message(topic, time_ns, data, time_ns, number)
+    except Exception as error:  # noqa: BLE001  the same
+        problems.append(f'{reader.path.name} is damaged ({error})')
 
 
 class _Copy:
@@ -122,7 +127,7 @@ def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
         while True:
             try:
                 record = next(records, None)
-            except DAMAGE as error:
+            except Exception as error:  # noqa: BLE001  libraries raise any type on damaged bytes
                 problems.append(f'{path.name} ends after byte {offset} ({str(error) or type(error).__name__})')
                 return
             if record is None or isinstance(record, DataEnd):
@@ -131,7 +136,7 @@ def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
                 try:
                     content = decompress(record.data, record.compression, record.uncompressed_size)
                     yield from breakup_chunk(replace(record, data=content, compression=''), validate_crc=True)
-                except DAMAGE as error:
+                except Exception as error:  # noqa: BLE001  the same
                     problems.append(f'{path.name}: the chunk at byte {offset} is damaged ({error})')
                     if not is_summary_read:
                         is_summary_read = True
@@ -146,6 +151,6 @@ def _summarised(path: Path) -> list[McapRecord]:
     try:
         with path.open('rb') as file:
             summary = SeekingReader(file, record_size_limit=PLAUSIBLE_RECORD_BYTES).get_summary()
-    except DAMAGE:
+    except Exception:  # noqa: BLE001  the same
         return []
     return [*summary.schemas.values(), *summary.channels.values()] if summary else []

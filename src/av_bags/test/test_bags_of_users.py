@@ -238,6 +238,13 @@ def test_a_type_that_defines_a_part_in_its_own_way_does_not_change_the_others(tm
         assert len(list(feed)) == 1 and not feed.problems
 
 
+def test_a_definition_that_contradicts_itself_is_none(tmp_path):
+    path = write_with_schemas(tmp_path / 'bag.mcap', recorded(1.0), lambda kind: b'float64 a\nfloat64 a\n')
+    with Bag(path) as bag:
+        feed = Feed(bag, {'truth/rig': '/odometry'})
+        assert len(list(feed)) == 20 and not feed.problems
+
+
 def test_messages_that_cannot_be_read_are_counted(tmp_path):
     """A node of another release sent some, which are too short."""
     rows = recorded(1.0)

@@ -1,4 +1,5 @@
 import sqlite3
+import struct
 
 import bag_messages as make
 import numpy as np
@@ -134,6 +135,18 @@ def test_a_broken_chunk_costs_only_itself(tmp_path, compression, number):
     with Bag(path) as bag:
         assert positions(bag) == [x for x in range(1000) if x // 50 != number]
         assert len(bag.problems) == 1
+
+
+def test_a_length_beyond_measure_ends_the_reading(tmp_path):
+    path = tmp_path / 'bag.mcap'
+    write_in_chunks(path, 'none')
+    with path.open('rb') as file:
+        chunk = sorted(SeekingReader(file).get_summary().chunk_indexes, key=lambda index: index.chunk_start_offset)[1]
+    content = bytearray(path.read_bytes()[:-20])
+    struct.pack_into('<Q', content, chunk.chunk_start_offset + 9 + 3 * 8 + 2 * 4, 2**63)    # of the content of a chunk
+    path.write_bytes(content)
+    with Bag(path) as bag:
+        assert positions(bag) == list(range(50)) and len(bag.problems) == 1
 
 
 @pytest.mark.parametrize('share', np.linspace(0.05, 0.75, 6))
