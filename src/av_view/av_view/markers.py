@@ -51,9 +51,10 @@ def world_markers(message: Any) -> Iterable[Marker]:
     """
     for track in message.tracks:
         covariance = np.asarray(track.position_covariance, float).reshape(3, 3)
+        covariance = 0.5 * (covariance + covariance.T)
         center = np.array([track.position.x, track.position.y, track.position.z])
         if track.positioned and np.isfinite(covariance).all() and np.isfinite(center).all():
-            variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+            variances, axes = np.linalg.eigh(covariance)
             axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
             marker = _shape('ellipsoids', Marker.SPHERE, [], COLORS['track'], 0.0, 0.5)
             marker.header, marker.id = Header(frame_id=message.header.frame_id), WORLD_ID + int(track.id) % WORLD_ID

@@ -69,8 +69,8 @@ def test_an_ellipsoid_has_the_covariance_of_the_position():
     turn = Rotation.from_euler('xyz', (0.3, -0.5, 1.2))
     covariance = turn.as_matrix() @ np.diag([9.0, 1.0, 0.25]) @ turn.as_matrix().T
     known = WorldTrack(id=5, position=Point(x=1.0, y=2.0, z=3.0), position_covariance=covariance.ravel(), positioned=True)
-    unknown = WorldTrack(id=6, position_covariance=[math.nan] * 9, positioned=True)
-    (marker,) = world_markers(WorldTrackArray(header=Header(frame_id='map'), tracks=[known, unknown, WorldTrack(id=7)]))
+    unknown = [WorldTrack(id=6, position_covariance=[value] * 9, positioned=True) for value in (math.nan, 1e308)]
+    (marker,) = world_markers(WorldTrackArray(header=Header(frame_id='map'), tracks=[known, *unknown, WorldTrack(id=7)]))
     q, half = marker.pose.orientation, 0.5 * np.array([marker.scale.x, marker.scale.y, marker.scale.z])
     axes = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
     assert axes @ np.diag(half**2) @ axes.T == pytest.approx(covariance, abs=1e-6)
