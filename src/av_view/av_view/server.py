@@ -12,7 +12,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from importlib.resources import files
@@ -99,7 +100,7 @@ class ViewServer:
         self._viewers: set[_Viewer] = set()
         self._waiting: dict[_Viewer, None] = {}  # for an update, the longest first
         self._opening: dict[ServerConnection, None] = {}
-        self._dropped: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()  # of viewers that are dropped, and of requests that wait for the rig
         self._rigs: tuple[str, ...] = ()
         self._loop = asyncio.new_event_loop()
         self._server: Server | None = None
@@ -197,6 +198,9 @@ class ViewServer:
         if self._server is not None:
             self._server.close(close_connections=True)
             await self._server.wait_closed()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The response to a request for the page; None lets a viewer in."""
@@ -240,7 +244,7 @@ class ViewServer:
         self._tell_rigs([viewer], self._rigs)
         try:
             async for message in connection:
-                await self._take(viewer, message)
+                self._take(viewer, message)
         except ConnectionClosed:  # also by a message that is too large
             pass
         finally:
@@ -258,11 +262,15 @@ class ViewServer:
         self.refused += 1
         self._viewers.discard(viewer)
         self._waiting.pop(viewer, None)
-        task = self._loop.create_task(viewer.connection.close(1008, why))
-        self._dropped.add(task)
-        task.add_done_callback(self._dropped.discard)
+        self._begin(viewer.connection.close(1008, why))
 
-    async def _take(self, viewer: _Viewer, message: str | bytes) -> None:
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something beside all else."""
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _take(self, viewer: _Viewer, message: str | bytes) -> None:
         """A request of a viewer. One that cannot be used, or one too many, closes its connection."""
         if viewer not in self._viewers:
             return  # has been dropped
@@ -280,7 +288,12 @@ class ViewServer:
             if viewer.rig in self._feeds:
                 self._serve(self._feeds[viewer.rig], [viewer])
         else:
-            answer = await self._controlled(request['do'], viewer, request)
+            self._begin(self._control(viewer, request))
+
+    async def _control(self, viewer: _Viewer, request: dict[str, Any]) -> None:
+        """Answer a request to the rig, beside others: a stop waits for no other answer."""
+        answer = await self._controlled(request['do'], viewer, request)
+        with suppress(ConnectionClosed):
             await viewer.connection.send(json.dumps({'type': 'answer', 'number': request.get('number'), **answer}))
 
     async def _controlled(self, name: str, viewer: _Viewer, request: dict[str, Any]) -> dict[str, Any]:
@@ -302,7 +315,8 @@ def _request(message: str | bytes) -> dict[str, Any] | None:
         request = json.loads(message)
     except (ValueError, RecursionError):
         return None
-    return request if isinstance(request, dict) and isinstance(request.get('do'), str) else None
+    good = isinstance(request, dict) and isinstance(request.get('do'), str) and isinstance(request.get('number', 0), int)
+    return request if good else None
 
 
 def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:

@@ -39,6 +39,8 @@ class Page:
         self.asked.append((name, rig, request.get('value')))
         if name == 'fail':
             raise ValueError('this cannot be done')
+        if name == 'wait':
+            await asyncio.sleep(LONG_S)
         return {'done': True, 'words': 'so be it'}
 
     def publish(self, picture=b'\xff\xd8 a picture'):
@@ -274,6 +276,14 @@ def test_control_needs_the_token(page):
         assert answer(viewer, do='fail')['words'] == 'this cannot be done'
 
 
+def test_a_request_that_waits_for_its_answer_holds_up_neither_a_stop_nor_the_page(page):
+    with page.viewer(page.access.token) as viewer:
+        viewer.send('{"do": "wait", "number": 1}')
+        assert answer(viewer, do='enable', number=2, value=False)['number'] == 2
+        page.publish()
+        assert update(viewer)[1]['state'] == {'number': 1}
+
+
 def test_without_control_nothing_is_carried_out():
     page = Page(control=False)
     try:
@@ -284,8 +294,8 @@ def test_without_control_nothing_is_carried_out():
         page.server.stop()
 
 
-@pytest.mark.parametrize('message', ['', '{', '[]', '7', '{"do": 7}', '{"no": "do"}', b'\xff\x00', '[' * 4000,
-                                     '"' + 'x' * 4000])
+@pytest.mark.parametrize('message', ['', '{', '[]', '7', '{"do": 7}', '{"no": "do"}', '{"do": "enable", "number": [[]]}',
+                                     b'\xff\x00', '[' * 4000, '"' + 'x' * 4000])
 def test_what_is_no_request_closes_the_connection_of_its_sender_only(page, message):
     with page.viewer() as other, page.viewer() as viewer:
         viewer.send(message)
