@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
@@ -17,6 +16,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
+from av_audio.messages import samples_of
 from av_bags.definitions import deserialiser
 from av_common.frames import BASE_FRAME
 from av_common.guarded_node import Reader, check_size
@@ -201,10 +201,7 @@ class RigWatch:
         self._converter.set_camera_info(message, camera)
 
     def _on_audio(self, message: AudioFrame, published: float) -> None:
-        if message.channels:
-            since, self._spectrum_time = published - self._spectrum_time, published
-            samples = np.asarray(message.samples, np.float32)[:MOST_SAMPLES]
-            whole = len(samples) - len(samples) % message.channels
-            block = samples[:whole].reshape(-1, message.channels)
-            self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
-                                    self._coherence.add(block, message.sample_rate, since))
+        block = samples_of(message)[:MOST_SAMPLES // message.channels]
+        since, self._spectrum_time = published - self._spectrum_time, published
+        self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
+                                self._coherence.add(block, message.sample_rate, since))
