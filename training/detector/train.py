@@ -23,6 +23,7 @@ from clips import Frames, build_cache
 from loss import loss
 from near import NearSampler
 from network import Network, cells
+from places import SOURCES
 from samples import Sampler
 from simulated import build_simulated
 from sprites import build_bank
@@ -125,7 +126,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
     parser.add_argument('--near', action='store_true', help='train the network of the near pass: pictures of the places alone')
     parser.add_argument('--thermal', action='store_true', help='train the thermal detector: clips and simulated images')
-    parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
+    parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on',
+                        choices=[*(place.name for place in SOURCES), 'thermal'])
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
     parser.add_argument('--times', type=int, default=1, help='factor of the crops a step, for accelerators')
