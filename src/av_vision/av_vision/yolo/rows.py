@@ -268,7 +268,7 @@ class RowReader:
             boxes = reading.boxes(reading.likely(rows), size)
             beyond = np.any(0.5 * (boxes[:, :2] + boxes[:, 2:]) > [shown[1], shown[0]], axis=1)
             self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond.mean() if len(boxes) else 0.0)
-        best = max(self._overlaps.values())
+        best = max(self._overlaps[reading] for reading in self._left or [])    # of those that no table has contradicted
         left = [reading for reading in self._left or [] if self._overlaps[reading] >= best - OTHER]
         if best >= SAME or best == 0.0:
             self._left = left
