@@ -182,3 +182,10 @@ def test_what_does_not_come_and_nodes_that_are_not_well_are_said(tmp_path):
         assert len(check.statuses) == left
     for title in ('microphones', 'heading', 'camera', 'sound and sight'):
         assert steps[title].judge(True)[0].level in ('unknown', 'error')
+
+
+def test_only_nodes_of_the_rig_are_told(tmp_path):
+    check, _ = check_of(tmp_path, namespace='/left')
+    names = ('left/fusion_node: status', 'left_two/fusion_node: status', 'fusion_node: status', 'far/left/fusion_node: status')
+    check.on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name=name, level=DiagnosticStatus.ERROR) for name in names]))
+    assert list(check.statuses) == [names[0]]

@@ -186,7 +186,8 @@ class LiveCheck:
         """Take the statuses of nodes."""
         for status in message.status:
             self.statuses.pop(status.name, None)
-            if status.level != DiagnosticStatus.OK and status.name.startswith(self._namespace):
+            namespace = status.name.partition(':')[0].strip('/').rpartition('/')[0]
+            if status.level != DiagnosticStatus.OK and namespace == self._namespace:
                 self.statuses[status.name] = Finding('nodes', 'warning' if status.level == DiagnosticStatus.WARN else 'error',
                                                      f'{status.name}: {status.message}')
 
