@@ -16,9 +16,8 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
 from av_network.motion_model import SPEED_SIGMA
 from av_network.network_target import TargetState
-from av_network.observation import Report, Sighting
+from av_network.observation import MOST_TRACKS, Observation, Report, Sighting
 
-MOST_TRACKS = 50  # of one rig: its filter has no more
 LEAST_EXISTENCE = 0.5  # of a rig's target
 PUBLISHED = 0.5  # probability of existence from which a target of the network is published
 OLDEST_S = 2.0  # age of a message that is used
@@ -109,15 +108,16 @@ def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:
                     drone_probability=state.target.drone_probability, class_id=state.target.class_id)
 
 
-def direction_message(identifier: int, report: Report, one: Sighting, heading: float) -> WorldTrack:
+def direction_message(identifier: int, rig: str, observation: Observation, heading: float) -> WorldTrack:
     """The message of a target of a single rig, at a distance that is assumed, with a variance to match.
 
     Parameters:
         identifier: id of the target.
-        report: of the rig.
-        one: the direction.
+        rig: the rig's name.
+        observation: the direction.
         heading (rad): correction of the rig's heading.
     """
+    one = observation.sighting
     unit = angles_to_direction(one.azimuth + heading, one.elevation)
     azimuth = math.atan2(unit[1], unit[0])
     across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
@@ -126,8 +126,8 @@ def direction_message(identifier: int, report: Report, one: Sighting, heading: f
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = axes @ variances @ axes.T + ASSUMED_DISTANCE_M**2 * np.outer(unit, unit)
     covariance[3:, 3:] = SPEED_SIGMA**2 * np.eye(3)
-    mean = np.concatenate([report.position + ASSUMED_DISTANCE_M * unit, np.zeros(3)])
-    return _message(identifier, one.existence, mean, covariance, False, [report.rig], one.measured,
+    mean = np.concatenate([observation.position + ASSUMED_DISTANCE_M * unit, np.zeros(3)])
+    return _message(identifier, one.existence, mean, covariance, False, [rig], one.measured,
                     drone_probability=one.drone_probability, class_id=one.class_id)
 
 

@@ -108,7 +108,7 @@ def changes(steps: NDArray[np.float64]) -> NDArray[np.float64]:
         steps (k,) (s): the times; negative ones count as 0.
     """
     usual = usual_modes()
-    rate = sum(1.0 / mode.duration for mode in MODES) if len(usual) > 1 else 0.0
+    rate = sum(1.0 / mode.duration for mode in MODES)
     stay = np.exp(-rate * np.maximum(steps, 0.0))[:, None, None]
     return np.asarray(stay * np.eye(len(usual)) + (1.0 - stay) * usual)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_TRACKS = 50  # of one rig: its filter has no more
 UNSTATED = math.radians(0.2)**2  # rad^2, of errors of images that rigs do not state, at first: of a mast's tilt and a lens
 
 

@@ -18,9 +18,8 @@ from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.hypothesis_filter import largest_sigmas
-from av_network.messages import PUBLISHED, check_age, check_version, direction_message, is_place, report_of, target_message
+from av_network.messages import PUBLISHED, check_age, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
-from av_network.observation import Report
 from av_network.report_queue import ReportQueue
 from av_network.reporting import RECENT_S
 from av_network.settings import Datum, RigSettings, to_enu
@@ -105,7 +104,6 @@ class NetworkStage:
             size (bytes): of the message.
             arrival (s): time of its arrival.
         """
-        check_version(rig, message.version)
         statistics, place = self.statistics[rig], self._places[rig]
         statistics.size += size
         stamp = to_seconds(message.header.stamp)
@@ -144,7 +142,7 @@ class NetworkStage:
             self.tracker.use(report)
         tracks = [target_message(state, self._names) for state in self.tracker.states(now)
                   if state.existence >= PUBLISHED and (state.positioned or state.rigs)]
-        tracks += self._lone(now)
+        tracks = sorted(tracks + self._lone(now), key=lambda track: track.id)
         datum = self._datum
         return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=MAP_FRAME), latitude=datum.latitude,
                                longitude=datum.longitude, altitude=datum.altitude, tracks=tracks,
@@ -187,8 +185,7 @@ class NetworkStage:
             if key not in self._lone_ids:
                 self._lone_ids[key] = self.tracker.new_id()
             heading = self.tracker.calibration.known(one.rig).heading
-            report = Report(self._names[one.rig], one.time, one.position, ())
-            found.append(direction_message(self._lone_ids[key], report, one.sighting, heading))
+            found.append(direction_message(self._lone_ids[key], self._names[one.rig], one, heading))
         self._lone_ids = {key: value for key, value in self._lone_ids.items() if key in self.tracker.unexplained}
         return found
 

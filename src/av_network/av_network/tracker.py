@@ -13,7 +13,7 @@ from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
-from av_network.observation import Observation, Report
+from av_network.observation import MOST_TRACKS, Observation, Report
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
 from av_network.reporting import COAST_S, target_states
@@ -130,10 +130,11 @@ class NetworkTracker:
         self._update(rig, observations, pairs, innovations, time)
         self._teach(assigned, observations, time)
         for column, one in enumerate(observations):
-            if column in assigned:
-                self.unexplained.pop(one.key, None)
-            else:
+            self.unexplained.pop(one.key, None)
+            if column not in assigned:
                 self.unexplained[one.key] = (one, time)
+        for key in [key for key in self.unexplained if key[0] == rig][:-MOST_TRACKS]:  # whatever ids it makes up
+            del self.unexplained[key]
         # What is where a target is that several rigs observe needs no other explanation.
         open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved
                          and not (column in assigned and len(present[assigned[column]]) >= WELL_SUPPORTED)]

@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
-from av_network.messages import version_of
+from av_network.messages import check_version, version_of
 from av_network.settings import Datum, RigSettings, to_enu
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
@@ -205,6 +205,21 @@ def test_probabilities_that_are_none_are_not_passed_on():
     assert len(target.classes) == 100
 
 
+def test_tracks_are_in_the_order_of_their_ids_and_of_one_rig_at_most_as_many_as_it_may_have():
+    """A rig makes ids up, and has directions before two rigs have a target."""
+    stage = stage_of(('left', 'right', 'third'))
+    for step in range(40):
+        time = START + 0.25 * step
+        for name in ('left', 'right'):
+            stage.on_report(name, report(name, time), 200, time)
+        made_up = report('third', time)
+        made_up.directions = [report('third', time, id=100 + (50 * step + k if k else 0), azimuth=-2.0 + 0.01 * k).directions[0]
+                              for k in range(50)]
+        stage.on_report('third', made_up, 200, time)
+        tracks = stage.output(time).tracks
+        assert [track.id for track in tracks] == sorted(track.id for track in tracks) and len(tracks) <= 52
+
+
 def test_no_rig_reports_faster_than_it_may():
     """In whatever order."""
     stage = stage_of()
@@ -227,12 +242,11 @@ def test_a_clock_that_is_set_back_starts_anew():
 
 def test_another_version_is_refused_by_name():
     """One that says so, and one from before versions, in which the stamp was first."""
-    stage = stage_of()
     message = report('left', START)
     message.version = 7
-    with pytest.raises(ValueError, match='left reports by version 7, expected 2: install the same release on all rigs'):
-        stage.on_report('left', message, 200, START)
     assert version_of(serialize_message(message)) == 7
+    with pytest.raises(ValueError, match='left reports by version 7, expected 2: install the same release on all rigs'):
+        check_version('left', 7)
     assert version_of(serialize_message(Header(stamp=to_stamp(START)))) == START
 
 

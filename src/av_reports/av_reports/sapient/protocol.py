@@ -23,7 +23,7 @@ except ImportError as error:
     raise ImportError('SAPIENT needs the Python package sapient-msg, which needs Python 3.11: pip install sapient-msg '
                       f'({error})') from error
 
-__all__ = ('ICD_VERSION', 'DetectionReport', 'Error', 'Location', 'LocationOrRangeBearing', 'RangeBearing', 'Registration',
+__all__ = ('ICD_VERSION', 'DetectionReport', 'Error', 'Location', 'RangeBearing', 'Registration',
            'SapientMessage', 'StatusReport', 'Task', 'TaskAck', 'location', 'options', 'range_bearing', 'velocity')
 
 ICD_VERSION = 'BSI Flex 335 v2.0'
@@ -35,5 +35,4 @@ Error = error_pb2.Error
 Task, TaskAck = task_pb2.Task, task_ack_pb2.TaskAck
 Location = location_pb2.Location
 RangeBearing = range_bearing_pb2.RangeBearing
-LocationOrRangeBearing = range_bearing_pb2.LocationOrRangeBearing
 location, range_bearing, velocity = location_pb2, range_bearing_pb2, velocity_pb2  # modules, for their enumerations
