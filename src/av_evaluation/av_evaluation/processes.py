@@ -125,7 +125,9 @@ def launched_rig(arguments: Sequence[str], output: IO[bytes] | int = subprocess.
     try:
         yield rig
     finally:
-        rig.process.send_signal(signal.SIGINT)
-        with suppress(subprocess.TimeoutExpired):
-            rig.process.wait(ENDS_IN_S)
-        rig.signal(signal.SIGKILL)
+        try:
+            rig.process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                rig.process.wait(ENDS_IN_S)
+        finally:    # Ctrl-C twice, too
+            rig.signal(signal.SIGKILL)

@@ -19,6 +19,8 @@ from av_evaluation.cli import soak
     ('multi_target crossing --seeds 0', "--seeds: '0', expected an integer above 0"),
     ('network --seeds 0', "--seeds: '0', expected an integer above 0"),
     ('front_back --starts -3', "--starts: '-3', expected an integer above 0"),
+    ('front_back --ears --data {}', '--data: no drone recordings in'),
+    ('range --drones nothing', 'nothing: no such file, the nearest is'),
     ('hearing accuracy --trials 0', "--trials: '0', expected an integer above 0"),
     ('faults --hours nan', "--hours: 'nan', expected a number of 0 or more"),
     ('faults --hours 2000', 'up to 1000 hours'),

@@ -86,7 +86,7 @@ def test_sigma_is_honest_in_motion(arrival):
 def test_a_source_beside_a_head_is_one():
     """Between ears phases deviate from those of a delay in some bands, where they fit another direction."""
     rng, (_, responses, rate) = np.random.default_rng(9), read_responses(HEAD)
-    recorded, settings = recordings(CLIPS), LocalizerSettings(window_s=SECONDS, hop_s=SECONDS, max_sources=4)
+    recorded, settings = recordings(DATA), LocalizerSettings(window_s=SECONDS, hop_s=SECONDS, max_sources=4)
     confidences = []
     for _ in range(40):
         sound = fftconvolve(recorded(rng, SECONDS, np.zeros(1)), responses[rng.integers(len(responses))].T, axes=0)

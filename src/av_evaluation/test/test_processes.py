@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from av_evaluation.processes import MarkedProcesses, name_of, sample
+from av_evaluation.processes import MarkedProcesses, launched_rig, name_of, sample
 
 pytestmark = pytest.mark.system
 
@@ -64,3 +64,22 @@ def test_what_has_ended_has_no_name_and_no_memory():
     os.waitpid(ended, 0)
     assert sample(ended) is None
     assert name_of(ended) == ''
+
+
+def test_a_launch_that_does_not_end_is_killed_also_where_ctrl_c_is_typed_again(tmp_path, monkeypatch):
+    (tmp_path / 'ros2').write_text('#!/bin/bash\ntrap "" INT\nsleep 100 &\ntouch "$0.ready"\nwait\n')
+    (tmp_path / 'ros2').chmod(0o700)
+    monkeypatch.setenv('PATH', f'{tmp_path}:{os.environ["PATH"]}')
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), launched_rig([]) as rig:
+        monkeypatch.setattr(rig.process, 'wait', interrupted)
+        deadline = time.monotonic() + 60.0
+        while not (tmp_path / 'ros2.ready').exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    while rig.alive():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

@@ -81,7 +81,7 @@ def test_a_readme_that_disagrees_is_found(tmp_path):
         write_readme(readme, content)
 
 
-def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path):
+def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path, monkeypatch):
     assert measured_version(tmp_path) == ''
     file = tmp_path / 'code.py'
     file.write_text('x = 1')
@@ -91,6 +91,8 @@ def test_the_version_measured_is_a_commit_and_whether_files_differ(tmp_path):
     assert f'commit {version}.' in measured_table({'version': version, 'experiments': {}})
     file.write_text('x = 2')
     assert measured_version(tmp_path) == f'{version}, changed'
+    monkeypatch.setenv('PATH', '')    # where git is not installed
+    assert measured_version(tmp_path) == ''
 
 
 def test_programs_report_errors_and_how_to_continue(tmp_path, monkeypatch, capsys):

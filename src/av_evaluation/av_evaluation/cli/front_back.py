@@ -29,6 +29,8 @@ from av_common.arguments import number, whole
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
+from av_evaluation.hearing.places import KEMAR, read_responses
+from av_evaluation.hearing.signals import drone_files
 from av_evaluation.metrics.metrics import OUTLIER_DEG
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.settings import Tracker
@@ -133,10 +135,16 @@ def summarise(resolutions: Sequence[Resolution]) -> dict[str, float]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Simulate the starts with each method and print the table; returns 1 where the filter misses its bounds."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
     trial: Callable[..., Resolution]
     starts: Sequence[Scenario] | range
     if options.ears:
+        try:
+            drone_files(options.data)
+            read_responses(options.data / KEMAR)
+        except (ValueError, OSError, ImportError) as error:
+            parser.error(f'--data: {error}')
         methods, starts = list(TURNS), range(options.seed, options.seed + options.starts)
         trial, place = partial(turn, data=options.data), 'at a head amid reflections, 10-20 dB'
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from av_evaluation.figures import Figure
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.places import read_responses
-from av_evaluation.hearing.signals import SOUNDS, bright_rotors, flat, recordings, rotors
+from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
 def sections(count: int, data: Path, responses: Sequence[Path] = ()
@@ -25,9 +26,8 @@ def sections(count: int, data: Path, responses: Sequence[Path] = ()
         responses: see `rooms.heads`.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
-    clips = data / SOUNDS
-    if clips.is_dir():
-        sources['drone recordings'] = recordings(clips)
+    with suppress(FileNotFoundError):
+        sources['drone recordings'] = recordings(data)
     return {
         'accuracy': partial(free_field.accuracy, count, sources),
         'bound': partial(free_field.bound, count),

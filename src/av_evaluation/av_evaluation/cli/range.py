@@ -25,9 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not all(0 <= number < len(PLACES) for number in options.places):
         parser.error(f'places are 0 to {len(PLACES) - 1}')
+    try:
+        signals = {name: load_profile(find_config(name, 'drones')).signal for name in options.drones}
+    except (ValueError, OSError) as refusal:
+        parser.error(str(refusal))
     print(f'{"drone":<18} {"place":<18} {"dB(A)":>5} {"m/s":>4} {"array":<16} {"angle m":>8} {"drone m":>8} {"bound m":>8}')
-    for name in options.drones:
-        signal = load_profile(find_config(name, 'drones')).signal
+    for name, signal in signals.items():
         for place in (PLACES[number] for number in options.places):
             for array in ARRAYS:
                 reach = Scene(signal, place, array).reach()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 import time
@@ -33,14 +34,14 @@ EXPERIMENTS = {
 
 
 def measured_version(folder: Path) -> str:
-    """The commit of a working tree with its date, and `changed` where files differ from it; empty outside of git.
+    """The commit of a working tree with its date, and `changed` where files differ from it; empty outside of git, or without it.
 
     Parameters:
         folder: in the tree.
     """
     def git(*words: str) -> str:
         return subprocess.run(['git', '-C', str(folder), *words], capture_output=True, text=True, check=False).stdout.strip()
-    commit = git('log', '-1', '--format=%h of %cs')
+    commit = git('log', '-1', '--format=%h of %cs') if shutil.which('git') else ''
     return f'{commit}{", changed" if git("status", "--porcelain", "--untracked-files=no") else ""}' if commit else ''
 
 

@@ -70,9 +70,9 @@ def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) 
 bright_rotors: Source = partial(rotors, decay=0.0)
 
 
-def recordings(folder: Path) -> Source:
-    """A source of random excerpts of the drone recordings in a folder."""
-    clips = [load_clip(path) for path in sorted(folder.glob('DRONE_*.flac'))]
+def recordings(data: Path) -> Source:
+    """A source of random excerpts of the drone recordings, see `drone_files`."""
+    clips = [load_clip(path) for path in drone_files(data)]
 
     def part(rng: Generator, length: int) -> NDArray:
         clip = clips[rng.integers(len(clips))]

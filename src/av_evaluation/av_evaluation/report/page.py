@@ -81,7 +81,7 @@ class Page:
         """Write the page to a file."""
         path.write_text(f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{_text(self._title)}</title>'
                         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
-                        f'<body>{"".join(self._parts)}</body></html>\n')
+                        f'<body>{"".join(self._parts)}</body></html>\n', encoding='utf-8')
 
 
 def _text(text: str) -> str:
