@@ -242,7 +242,7 @@ def test_random_messages_leave_the_monitor_a_table(seed, capsys):
     try:
         node = MonitorNode()
         attack(fuzzer, monitor_inputs(node, fuzzer))
-        node._report()
+        node.deactivate()
         assert 'resolved in' in capsys.readouterr().out
     finally:
         rclpy.try_shutdown()

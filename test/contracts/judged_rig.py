@@ -39,22 +39,21 @@ class FormulaRig(formula_rig.FormulaRig):
 
     def errors(self, after: float = 0.0, until: float = math.inf, folded: bool = False) -> NDArray:
         """Errors (n,) in degrees of the bearing's azimuth; `folded` takes either side of the pair's axis for right."""
-        found = []
-        for moment in self.following(after, until):
-            truth, azimuth = azimuth_of(self.body(moment.t)), math.degrees(moment.bearing.azimuth)
-            both = [wrapped(azimuth - truth), wrapped(180.0 - azimuth - truth)]
-            found.append(min(both, key=abs) if folded else both[0])
-        return np.array(found)
+        return np.array([self._error(math.degrees(moment.bearing.azimuth), moment.t, folded)
+                         for moment in self.following(after, until)])
 
     def held(self, kind: str, after: float = 0.0, folded: bool = False) -> NDArray:
         """Errors (n,) in degrees of the newest measurement of a kind ('sound', 'sight') as it arrived, without any filter."""
         found = []
         for moment in self.following(after):
             azimuth = [known for arrived, what, known in self.measured if what == kind and arrived <= moment.t + 1e-6][-1]
-            truth = azimuth_of(self.body(moment.t))
-            both = [wrapped(azimuth - truth), wrapped(180.0 - azimuth - truth)]
-            found.append(min(both, key=abs) if folded else both[0])
+            found.append(self._error(azimuth, moment.t, folded))
         return np.array(found)
+
+    def _error(self, azimuth: float, t: float, folded: bool) -> float:
+        truth = azimuth_of(self.body(t))
+        both = wrapped(azimuth - truth), wrapped(180.0 - azimuth - truth)
+        return min(both, key=abs) if folded else both[0]
 
     def normalised(self, after: float = 0.0, every: float = 0.5, folded: bool = False) -> NDArray:
         """Squared errors (n,) of the azimuth over the variances that the bearings state, one in `every` s."""

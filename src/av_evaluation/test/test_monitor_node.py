@@ -41,3 +41,10 @@ def test_the_truth_is_shown_also_after_the_clock_was_set(node, capsys):
         assert node._shown()[1] == pytest.approx(math.pi / 4.0)
     node._each_second()
     assert 'truth  +45.0' in capsys.readouterr().out
+
+
+def test_each_deactivation_prints_the_figures(node, capsys):
+    for _ in range(2):
+        node.trigger_activate()
+        node.trigger_deactivate()
+        assert 'coverage' in capsys.readouterr().out

@@ -27,6 +27,7 @@ from av_evaluation.metrics.statistics import INTERVAL, rmse
 
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
 WINDOW_S = 0.5  # the default of doa_node
+COST_S = 10.0  # of sound, of which the processor time is measured
 SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
 APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false
 
@@ -107,19 +108,19 @@ def several(count: int, sources: Sources) -> Iterator[Figure]:
                                         list(sources.values()))
 
 
-def cost(seconds: float = 10.0) -> Iterator[Figure]:
+def cost() -> Iterator[Figure]:
     """Processor time of the stage of doa_node as shipped, with two sources, for one thread with OMP_NUM_THREADS=1."""
     rng, settings = np.random.default_rng(72), LocalizerSettings()
     for array in ARRAYS:
-        sound = sum((rotors(rng, seconds, -array.positions @ angles_to_direction(azimuth) / C) for azimuth in (-0.7, 0.5)),
-                    np.zeros((round(seconds * RATE), array.channels)))
+        sound = sum((rotors(rng, COST_S, -array.positions @ angles_to_direction(azimuth) / C) for azimuth in (-0.7, 0.5)),
+                    np.zeros((round(COST_S * RATE), array.channels)))
         stage, block = DoaStage(array, settings, drone_model=load_model('')), round(settings.hop_s * RATE)
         frames = [audio_frame(part.astype(np.float32), block * k, RATE, Header(stamp=to_stamp(1.0 + block * k / RATE)))
-                  for k, part in enumerate(np.split(add_noise(rng, sound, 15.0), round(seconds * RATE / block)))]
+                  for k, part in enumerate(np.split(add_noise(rng, sound, 15.0), round(COST_S * RATE / block)))]
         begun = process_time()
         for k, frame in enumerate(frames):
             stage.on_audio(frame, 1.0 + block * (k + 1) / RATE)
-        yield Figure(f'{array.name}: of a core', 100.0 * (process_time() - begun) / seconds, '%')
+        yield Figure(f'{array.name}: of a core', 100.0 * (process_time() - begun) / COST_S, '%')
 
 
 def _several_figures(name: str, array: MicrophoneArray, number: int, below_db: float, count: int, sources: list[Source]

@@ -110,7 +110,7 @@ def share(marked: NDArray) -> float:
     return 100.0 * float(np.mean(marked)) if len(marked) else float('nan')
 
 
-def error_figures(title: str, result: Trials, limits: Mapping[str, float] = {}) -> Iterator[Figure]:
+def error_figures(title: str, result: Trials, limits: Mapping[str, float]) -> Iterator[Figure]:
     """The figures of a method's errors, and of its confidence and sigma where it states them.
 
     Parameters:

@@ -56,7 +56,6 @@ class MonitorNode(RigNode):
         self._bearings: deque[Bearing] = deque(maxlen=RECENT_BEARINGS)
         self._targets: TrackArray | None = None
         self._problems: dict[str, str] = {}
-        self._reported = False
 
     def activate(self) -> None:
         """Subscribe, and start the clock of the run."""
@@ -79,7 +78,11 @@ class MonitorNode(RigNode):
 
     def deactivate(self) -> None:
         """Print the figures and write the files of the run."""
-        self._report()
+        log, out = self._recorder.log, Path(self._settings.out) if self._settings.out else None
+        print(f'\n{describe(log, out)}', flush=True)
+        if out is not None:
+            log.save(out)
+            print(f'chart: {out / "bearing.png"}', flush=True)
 
     def _logs(self) -> bool:
         """Whether a message that comes now is logged."""
@@ -148,16 +151,6 @@ class MonitorNode(RigNode):
         known = [k for k, truth in enumerate(truths) if math.isfinite(truth)]
         newest = known[-1] if known else -1
         return self._bearings[newest], float(truths[newest])
-
-    def _report(self) -> None:
-        if self._reported:
-            return
-        self._reported = True
-        log, out = self._recorder.log, Path(self._settings.out) if self._settings.out else None
-        print(f'\n{describe(log, out)}', flush=True)
-        if out is not None:
-            log.save(out)
-            print(f'chart: {out / "bearing.png"}', flush=True)
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, sample_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
-from av_common.rig import CAMERAS, CameraMount, Rig, camera_topic, camera_topics, load_rig
+from av_common.rig import CAMERAS, CameraMount, camera_topic, camera_topics, load_rig
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
@@ -126,7 +126,7 @@ class Replay:
         self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         for file in settings.parameters:
             check_parameter_file(file, [absolute(node, settings.namespace) for node in node_modules()])
-        self._build(self._rig, estimators)
+        self._build()
 
     @property
     def log(self) -> RunLog:
@@ -159,7 +159,7 @@ class Replay:
         self._conclude_stages()
         self._segment = number
         self._recorder.left_out += gap
-        self._build(self._rig, self._estimators)
+        self._build()
 
     def _take(self, record: BagRecord) -> None:
         name, arrival, message, data, _ = record
@@ -210,8 +210,8 @@ class Replay:
         beside += camera_topics(cameras, names.CAMERA, *(() if detects else (names.VISIBILITY,)))
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}
 
-    def _build(self, rig: Rig, estimators: Sequence[str]) -> None:
-        fusion = self._parameters('av_fusion', 'fusion_node')
+    def _build(self) -> None:
+        fusion, rig = self._parameters('av_fusion', 'fusion_node'), self._rig
         self._gimbal = GimbalHistory()
         self._frames = SensorFrames(rig, self._gimbal)
         self._odometry = BodyOdometry(self._frames.fixed)
@@ -228,17 +228,17 @@ class Replay:
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}), rig.gimbal)
-        doa = self._doa = self._doa_stage(rig)
-        others = {method: stage for method in estimators if (stage := self._doa_stage(rig, method=method)) is not None}
+        doa = self._doa = self._doa_stage()
+        others = {method: stage for method in self._estimators if (stage := self._doa_stage(method=method)) is not None}
         detection = {camera: self._detection_stage(camera, mount, models[camera]) for camera, mount in rig.cameras.items()
                      if camera_topic(camera, names.IMAGE) in self._topics}
         self._pipeline = Pipeline(doa, detection, self._fusion, pointing, self._recorder, self._converter, self._publish,
                                   others)
 
-    def _doa_stage(self, rig: Rig, **changes: Any) -> DoaStage | None:
+    def _doa_stage(self, **changes: Any) -> DoaStage | None:
         if self.stage != 'raw' or names.AUDIO not in self._topics:
             return None
-        array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
+        array = MicrophoneArray.load(self._settings.array) if self._settings.array else self._rig.array.geometry
         return make_doa_stage(self._parameters('av_audio', 'doa_node'), array, **changes)
 
     def _detection_stage(self, camera: str, mount: CameraMount, model: PinholeCamera) -> DetectionStage:

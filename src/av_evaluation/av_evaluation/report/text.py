@@ -12,10 +12,9 @@ from av_pointing.controller import Mode
 Figures = Mapping[str, float | None]
 COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0, '{:.2f}°'),
            ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
-           ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
-TIMES = (('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
-         ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
-         ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
+           ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'),
+           ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'), ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'),
+           ('switches', 'switches', 1.0, '{:.0f}'), ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
 LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
           'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
           'mvdr': 'MVDR'}
@@ -107,13 +106,11 @@ def interval(figures: Figures) -> str:
 
 def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]:
     """Header and rows of the table of methods."""
-    head = ['method', *(name for _, name, _, _ in COLUMNS[:2]), '95 % interval', *(name for _, name, _, _ in COLUMNS[2:]),
-            *(name for _, name, _, _ in TIMES)]
-    rows = []
-    for method, figures in metrics.items():
-        first, later = ([cell(figures, key, scale, form) for key, _, scale, form in columns]
-                        for columns in (COLUMNS[:2], (*COLUMNS[2:], *TIMES)))
-        rows.append([label(method), *first, interval(figures), *later])
+    head = ['method', *(name for _, name, _, _ in COLUMNS)]
+    rows = [[label(method), *(cell(figures, key, scale, form) for key, _, scale, form in COLUMNS)]
+            for method, figures in metrics.items()]
+    for row, text in zip((head, *rows), ('95 % interval', *map(interval, metrics.values())), strict=True):
+        row.insert(3, text)    # behind the RMSE
     return head, rows
 
 
