@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bag_messages as make
@@ -17,6 +18,7 @@ from av_common.track import State, Track
 from av_common.track_messages import bearing_message
 from av_evaluation.cli.replay import main
 from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_evaluation.runs.evaluation import evaluate_run
 
 FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
 
@@ -56,6 +58,26 @@ def test_a_start_behind_the_end_of_a_bag_is_refused(tmp_path, capsys):
         directions(write, make.EPOCH, 2.0)
     assert main([str(tmp_path / 'bag'), '--start', '60']) == 1
     assert 's long, start is 60 s' in capsys.readouterr().err
+
+
+def test_methods_are_compared_behind_a_clock_that_was_set_as_before(tmp_path):
+    """What they measured is compared with the truth of its time; one time for all is 4 s off."""
+    errors = {}
+    for jump in (0.0, -4.0, 3e8):
+        with make.bag(tmp_path / f'{jump}') as write:
+            for k in range(800):
+                time, azimuth = make.EPOCH + k / 50.0 + (jump if k >= 400 else 0.0), 0.3 + 0.05 * k / 50.0
+                write('/odometry', time, make.odometry(time))
+                write('/truth/rig', time, make.odometry(time))
+                write('/truth/target', time, make.odometry(time, 10.0 * math.cos(azimuth), 10.0 * math.sin(azimuth)))
+                if k % 5 == 0 and k % 400 > 20:
+                    write('/doa', time, make.doa(time - 0.25, azimuth - 0.05 * 0.25))
+        with Bag(tmp_path / f'{jump}') as bag:
+            result = evaluate_run('', Replay(bag, keeps_events=True).run(), ('sound', 'kalman'))
+        errors[jump] = result.methods['kalman']
+        assert np.abs(result.methods['sound'].error_deg).max() < 1.0
+        assert np.abs(errors[jump].error_deg).max() < 3.0 and errors[jump].coverage > 0.95
+        assert len(errors[jump].error_deg) == pytest.approx(len(errors[0.0].error_deg), abs=10)
 
 
 @pytest.mark.parametrize('jump', [3e8, 40.0, -4.0, -86_400.0])

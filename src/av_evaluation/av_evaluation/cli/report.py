@@ -34,7 +34,7 @@ EXPERIMENTS = {
 
 
 def measured_version(folder: Path) -> str:
-    """The commit of a working tree with its date, and `changed` where files differ from it; empty outside of git, or without it.
+    """The commit of a working tree with its date, and `changed` where files differ from it; empty without git.
 
     Parameters:
         folder: in the tree.

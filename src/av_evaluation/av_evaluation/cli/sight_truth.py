@@ -66,16 +66,17 @@ def seen(bag: Bag, settings: ReplaySettings, rig: Rig, array: MicrophoneArray) -
 def heard(bag: Bag, settings: ReplaySettings) -> tuple[NDArray, int, float]:
     """Sound (n, channels) with zeros in gaps, its sample rate, and the capture time in s of its first sample.
 
-    Raises ValueError when there is none, more than LONGEST_SOUND_S, or two recordings, whose samples are counted anew.
+    Raises ValueError when there is none, more than LONGEST_SOUND_S, or more than one recording.
     """
     found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
     if names.AUDIO not in found:
         raise ValueError(f'{bag.path}: {found.missing[names.AUDIO]}')
-    frames = [record.message for record in Feed(bag, {names.AUDIO: found.topics[names.AUDIO]})]
-    if not frames:
+    records = list(Feed(bag, {names.AUDIO: found.topics[names.AUDIO]}))
+    if not records:
         raise ValueError(f'{bag.path}: no sound')
-    if any(after.first_sample < before.first_sample for before, after in pairwise(frames)):
-        raise ValueError(f'{bag.path}: the sound begins anew, expected one recording')
+    frames = [record.message for record in records]
+    if records[-1].segment or any(after.first_sample < before.first_sample for before, after in pairwise(frames)):
+        raise ValueError(f'{bag.path}: the sound begins anew, expected one recording without a break')
     first, last = frames[0], frames[-1]
     length = int(last.first_sample) - int(first.first_sample) + len(last.samples) // max(1, last.channels)
     if not 0 < length <= LONGEST_SOUND_S * first.sample_rate:

@@ -110,7 +110,7 @@ class Pipeline:
         for method, stage in self._estimators.items():
             with suppress(ValueError):
                 for directions in stage.on_audio(frame, arrival):
-                    self._recorder.log.doa.setdefault(method, []).extend(self._converter.doa(transmitted(directions))[:1])
+                    self._recorder.on_other(method, self._converter.doa(transmitted(directions)), arrival)
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None

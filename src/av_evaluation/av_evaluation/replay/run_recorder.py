@@ -39,30 +39,37 @@ class RunRecorder:
 
     def on_pose(self, pose: Pose) -> None:
         """Keep a pose."""
-        self._keep(pose)
+        self._keep(pose._replace(time=pose.time - self.left_out))
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
-        self._keep(usable_doas(measurements))
+        logged = [doa._replace(time=self._time(doa.time, arrival)) for doa in measurements]
+        self._keep(usable_doas(logged))
         if self._keeps:
-            self.log.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
-        for doa in measurements[:1]:
+            self.log.doa.setdefault(OWN_METHOD, []).extend(logged[:1])
+        for doa in logged[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
-            self.log.sound.add(self._time(doa.time, arrival), azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
-                               doa.confidence, arrival - doa.time)
+            self.log.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan, doa.confidence,
+                               arrival - self.left_out - doa.time)
+
+    def on_other(self, method: str, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """Log the most confident measurement of a window by another method."""
+        self.log.doa.setdefault(method, []).extend(
+            doa._replace(time=self._time(doa.time, arrival)) for doa in measurements[:1])
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
+        measurement = measurement._replace(time=self._time(measurement.time, arrival))
         self._keep(measurement)
         best = measurement.best
-        self.log.sight.add(self._time(measurement.time, arrival), best.azimuth if best else math.nan,
-                           best.score if best else 0.0, arrival - measurement.time)
+        self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.score if best else 0.0,
+                           arrival - self.left_out - measurement.time)
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
     def on_track(self, track: Track, time: float) -> None:
         """Log the track at `time` (s)."""
-        self._keep(time)
+        self._keep(time - self.left_out)
         known = track.state != State.NONE
         self.log.fused.add(self._time(track.time, time), track.azimuth, math.sqrt(track.azimuth_variance), track.state,
                            track.resolved, time - track.measured if known else math.nan)
