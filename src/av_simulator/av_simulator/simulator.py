@@ -255,17 +255,16 @@ class Simulator:
         for datagram in self._control.receive():
             try:
                 if is_truth(datagram):
-                    self.counts.commands += 1
                     self.world.dynamics.follow(from_truth(decode_truth(datagram)))
                 else:
                     self._obey(decode_rig_control(datagram))
+                self.counts.commands += 1
             except WireError as error:
                 self.counts.malformed_commands += 1
                 log.debug('%s', error)
         self.counts.refused_commands = self._control.refusals.total
 
     def _obey(self, command: RigControl) -> None:
-        self.counts.commands += 1
         if command.yaw_rate is not None:
             self.world.dynamics.command(command.yaw_rate, self.world.time)
         if command.pan is not None and command.tilt is not None:

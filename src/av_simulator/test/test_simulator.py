@@ -360,7 +360,7 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
             commanded.append(now)
             control.sendto(encode_rig_control(RigControl(len(commanded), 1, yaw_rate=np.deg2rad(30.0))),
                            ('127.0.0.1', options.ports.control))
-            control.sendto(b'nonsense', ('127.0.0.1', options.ports.control))
+            control.sendto(bytes(8 if len(commanded) % 2 else 168), ('127.0.0.1', options.ports.control))    # no rate, no pose
 
     simulator, listener = run(options, at=command)
     control.close()
