@@ -128,6 +128,17 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     assert f"argument {option}: '{values[0]}', expected a" in capsys.readouterr().err
 
 
+def test_a_run_that_would_write_into_a_bag_changes_no_file(tmp_path, capsys):
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
+    arguments = ['circle', '--out', str(tmp_path), '--duration', '0.1', '--image-rate', '0', '--bag']
+    assert simulate.main(arguments) == 0
+    before = {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
+    assert simulate.main([*arguments, '--seed', '9']) == 2
+    assert 'bag exists already' in capsys.readouterr().err
+    assert before == {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
+
+
 @pytest.mark.parametrize('rig', ['rig', 'rig_gimbal'])
 def test_bags_hold_the_topics_of_the_rig(tmp_path, rig):
     pytest.importorskip('rclpy', reason='needs ROS 2')

@@ -43,9 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.drone_recording:
             scenario = with_recording(scenario, options.drone_recording)
         world = open_world(scenario, options.rig or '', options.seed)
-        options.out.mkdir(parents=True, exist_ok=True)
-        shutil.copy(file, options.out / 'scenario.yaml')
-        _simulate(world, options)
+        _simulate(world, file, options)
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         print(f'simulate: {error}', file=sys.stderr)
         return 2
@@ -55,14 +53,17 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _simulate(world: World, options: argparse.Namespace) -> None:
+def _simulate(world: World, file: Path, options: argparse.Namespace) -> None:
     duration = options.duration or world.scenario.duration
-    recorders: list[Any] = [FileRecorder(options.out, world, options.image_rate, options.everything)]
-    if options.bag:
-        from av_simulator.offline.bag import BagRecorder  # needs ROS, other outputs do not
-        recorders.append(BagRecorder(options.out / 'bag', world))
-    began = shown = time.monotonic()
+    recorders: list[Any] = []
     try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        if options.bag:    # first, as it is refused where there is one: then the other files of that run are kept, too
+            from av_simulator.offline.bag import BagRecorder  # needs ROS, other outputs do not
+            recorders.append(BagRecorder(options.out / 'bag', world))
+        shutil.copy(file, options.out / 'scenario.yaml')
+        recorders.append(FileRecorder(options.out, world, options.image_rate, options.everything))
+        began = shown = time.monotonic()
         for step in steps(world, duration, options.image_rate, everything=options.everything):
             for recorder in recorders:
                 recorder.write(step)
