@@ -128,6 +128,14 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     assert f"argument {option}: '{values[0]}', expected a" in capsys.readouterr().err
 
 
+def test_what_was_simulated_is_simulated_again_in_its_folder(tmp_path):
+    arguments = ['--out', str(tmp_path), '--duration', '0.1', '--image-rate', '0']
+    assert simulate.main(['circle', *arguments]) == 0
+    sound = (tmp_path / 'sound.wav').read_bytes()
+    assert simulate.main([str(tmp_path / 'scenario.yaml'), *arguments]) == 0
+    assert (tmp_path / 'sound.wav').read_bytes() == sound
+
+
 def test_a_run_that_would_write_into_a_bag_changes_no_file(tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')

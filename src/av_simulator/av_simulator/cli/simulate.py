@@ -61,7 +61,8 @@ def _simulate(world: World, file: Path, options: argparse.Namespace) -> None:
         if options.bag:    # first, as it is refused where there is one: then the other files of that run are kept, too
             from av_simulator.offline.bag import BagRecorder  # needs ROS, other outputs do not
             recorders.append(BagRecorder(options.out / 'bag', world))
-        shutil.copy(file, options.out / 'scenario.yaml')
+        if file.resolve() != (options.out / 'scenario.yaml').resolve():    # that of a run is simulated again in its folder
+            shutil.copy(file, options.out / 'scenario.yaml')
         recorders.append(FileRecorder(options.out, world, options.image_rate, options.everything))
         began = shown = time.monotonic()
         for step in steps(world, duration, options.image_rate, everything=options.everything):
