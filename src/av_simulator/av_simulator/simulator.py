@@ -244,7 +244,7 @@ class Simulator:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
                 log.warning('%.0f ms behind real time at %.1f s', 1e3 * lag, moment)
-        if lag > self.MOST_LATE:
+        if lag > self.MOST_LATE and self._begin is None:
             self._start += lag
             self._start_ms += round(1e3 * lag)
             self.counts.resynchronised += 1
