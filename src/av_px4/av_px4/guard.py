@@ -149,6 +149,10 @@ class BodyGuard:
                                  forbidden or self._halt(inputs) or 'turning as commanded', withheld)
         return self.decision
 
+    def stop(self) -> None:
+        """Send nothing until the next step."""
+        self.decision, self._rate = Decision(), 0.0
+
     def waits(self, time: float, inputs: Inputs) -> bool:
         """Whether PX4 may have left the mode unnoticed, at `time` (s), since this process or the link to PX4 stood still."""
         return ((self._time is not None and time - self._time > STALL) or time - inputs.status_age <= self._resumed

@@ -130,7 +130,7 @@ class Px4Stage:
         self._now = now
 
     def stop(self, now: Instant) -> list[Outgoing]:
-        """The messages that stop the motion, release the gimbal and unregister the external mode, except in its failsafe."""
+        """The messages that stop the motion, release the gimbal, and unregister the external mode but in its failsafe."""
         self._now = now
         waits = self._guard.waits(now.steady, self._guard_inputs())    # as PX4 may have left the mode meanwhile
         out = [self._setpoint(0.0)] if self.decision.setpoint and not waits else []
@@ -139,7 +139,8 @@ class Px4Stage:
         if self.mode and registration and not (self._status and self._status.overrides(registration.mode_id)):
             out.append(self._out('unregister_ext_component', px4.unregister_message, registration))
             self.mode.forget('stopped')
-        return out
+        self._guard.stop()
+        return out + self._report()
 
     def on_time(self, now: Instant) -> list[Outgoing]:
         """Make a step unless a message has just caused one, and register the mode. To be called at RATE_HZ."""

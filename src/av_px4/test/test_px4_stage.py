@@ -202,8 +202,17 @@ def test_a_process_that_stood_still_sends_no_last_setpoint():
     rig = Rig()
     rig.hand_over()
     rig.run(1.0, yaw_rate=0.3)
-    assert any(topic == 'trajectory_setpoint' for topic, _ in rig.stage.stop(rig.now))
     rig.time += 5.0
+    assert not any(topic == 'trajectory_setpoint' for topic, _ in rig.stage.stop(rig.now))
+
+
+def test_the_last_messages_end_the_turn_and_say_so():
+    rig = Rig()
+    rig.hand_over()
+    rig.run(1.0, yaw_rate=0.3)
+    last = dict(rig.stage.stop(rig.now))
+    assert math.isnan(last['trajectory_setpoint'].yawspeed)
+    assert {pair.key: pair.value for pair in last[STATE_TOPIC].values}['body'] == 'not started'
     assert not any(topic == 'trajectory_setpoint' for topic, _ in rig.stage.stop(rig.now))
 
 
