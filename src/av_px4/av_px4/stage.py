@@ -165,7 +165,7 @@ class Px4Stage:
         return self._step()
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
-        """Note the arrival of a bearing, without which the gimbal does not move, and of its newest measurement.
+        """Note the arrival of a bearing, without which the gimbal follows nothing but looks, and of its newest measurement.
 
         The body moves by new measurements only, whatever is published between them.
         """
@@ -339,8 +339,9 @@ class Px4Stage:
 
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
         command = self._command
-        fresh = (inputs.status_age <= STATUS_TIMEOUT and inputs.attitude_age <= ATTITUDE_TIMEOUT
-                 and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= STOP_WITHIN)
+        aimed = self.meters['bearing'].age <= STOP_WITHIN or command.mode == PointingCommand.MODE_LOOK    # such as at a cue
+        fresh = aimed and (inputs.status_age <= STATUS_TIMEOUT and inputs.attitude_age <= ATTITUDE_TIMEOUT
+                           and inputs.command_age <= COMMAND_TIMEOUT)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
             pan, tilt = angles_of_command(self.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,

@@ -58,7 +58,7 @@ class Rig:
             if 'rig' not in self.silent:
                 stamp = to_stamp(self.now.ros)
                 bearing, pointing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE), PointingCommand(
-                    mode=PointingCommand.MODE_TRACK, move_gimbal=True, move_body=True, **command)
+                    **{'mode': PointingCommand.MODE_TRACK, 'move_gimbal': True, 'move_body': True} | command)
                 bearing.header.stamp = bearing.measured = pointing.header.stamp = stamp
                 self.take('bearing', bearing)
                 self.take('command', pointing)
@@ -226,6 +226,17 @@ def test_the_gimbal_is_claimed_pointed_once_it_is_acknowledged_and_given_back():
     assert rig.stage.gimbal.claim is Claim.OWNED and rig.of('vehicle_command')[-1].param2 < 0.0    # yaw is to the right
     last = [out for out in rig.stage.stop(rig.now) if out.topic == 'vehicle_command']
     assert [message.param1 for _, message in last] == [-3.0]
+
+
+@pytest.mark.parametrize(('mode', 'moves'), [(PointingCommand.MODE_LOOK, True), (PointingCommand.MODE_HOLD, False)])
+def test_without_a_target_the_gimbal_looks_where_others_have_one(mode, moves):
+    """Fusion has none; pointing is as careful with a cue as with a bearing."""
+    rig = Rig()
+    rig.silent = {'bearing'}
+    rig.run(0.1, mode=mode)
+    rig.acknowledge()
+    rig.run(0.5, mode=mode, pan=0.5)
+    assert any(message.command == 1000 and message.param2 < -10.0 for message in rig.of('vehicle_command')) == moves
 
 
 def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
