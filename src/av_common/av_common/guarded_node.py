@@ -153,6 +153,15 @@ class GuardedNode(LifecycleNode):
         timer = super().create_timer(timer_period_sec, tick, clock=clock, **kwargs)
         return timer
 
+    def create_steady_timer(self, period: float, callback: Callable[[], Any]) -> Any:
+        """A guarded timer that simulated time does not stop, either.
+
+        Parameters:
+            period (s): the period.
+            callback: function that is called at each period.
+        """
+        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
     def _call(self, name: str, callback: Callable[[], Any]) -> None:
         try:
             callback()

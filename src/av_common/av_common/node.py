@@ -19,7 +19,6 @@ from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from lifecycle_msgs.msg import State
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -29,7 +28,6 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from rclpy.timer import Timer
 from tf2_msgs.msg import TFMessage
 
 from av_common.body_odometry import TF_WAIT_S, BodyOdometry, FixedFrames
@@ -112,7 +110,7 @@ class RigNode(ParameterNode):
         self._updater = self._make_updater()
         self.guard_parameters((self._updater.period_parameter, self._updater.use_fqn_parameter))
         if autostart:
-            self._autostart_timer = self._steady_timer(0.0, self._autostart)
+            self._autostart_timer = self.create_steady_timer(0.0, self._autostart)
 
     def now(self) -> float:
         """Time of the node's clock (ROS time, simulated with `use_sim_time`) in s since its epoch."""
@@ -154,7 +152,7 @@ class RigNode(ParameterNode):
             tell(self.contested)
 
         look_for_publishers()
-        self._steady_timer(PERIOD_S, look_for_publishers)
+        self.create_steady_timer(PERIOD_S, look_for_publishers)
 
     def subscribe_odometry(self, take: Callable[[Odometry], Any]) -> None:
         """While the node is active, take `odometry`; that of a sensor becomes the body's by `tf_static`.
@@ -200,7 +198,7 @@ class RigNode(ParameterNode):
         self.close()
         if state.state_id != State.PRIMARY_STATE_UNCONFIGURED:
             self.on_cleanup(state)
-        self._steady_timer(FAREWELL_S, self.finish)
+        self.create_steady_timer(FAREWELL_S, self.finish)
         return TransitionCallbackReturn.SUCCESS
 
     def finish(self) -> None:
@@ -225,11 +223,8 @@ class RigNode(ParameterNode):
         if not MINIMAL_PERIOD_S <= period < math.inf:
             raise ValueError(f'{updater.period_parameter} is {period}, expected at least {MINIMAL_PERIOD_S} (s)')
         self.destroy_timer(updater.timer)  # stands still with simulated time
-        updater.timer = self._steady_timer(period, updater.update)
+        updater.timer = self.create_steady_timer(period, updater.update)
         return updater
-
-    def _steady_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def _lifecycle_state(self) -> int:
@@ -241,7 +236,7 @@ class RigNode(ParameterNode):
 
     def begin_heartbeat(self) -> None:
         """Tell the launch from now on that the executor of this node goes on."""
-        self._steady_timer(BEAT_PERIOD_S, beat)
+        self.create_steady_timer(BEAT_PERIOD_S, beat)
 
     def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
         beat(busy=True)
@@ -270,7 +265,7 @@ class RigNode(ParameterNode):
             self.trigger_cleanup()  # so that the next attempt reads the parameters again
             self._problem = problem
         if self._lifecycle_state == State.PRIMARY_STATE_UNCONFIGURED:
-            self._autostart_timer = self._steady_timer(RETRY_S, self._autostart)
+            self._autostart_timer = self.create_steady_timer(RETRY_S, self._autostart)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         if self._problem:

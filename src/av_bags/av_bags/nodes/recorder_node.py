@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -73,7 +72,7 @@ class RecorderNode(RigNode):
         path = numbered(datetime.now().strftime(self._settings.path), self._number)
         self._writer = BackgroundWriter(path)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
-        self.create_timer(DISCOVERY_PERIOD_S, self._find_topics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(DISCOVERY_PERIOD_S, self._find_topics)
 
     def deactivate(self) -> None:
         """Finish the bag."""

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
@@ -74,7 +73,7 @@ class MonitorNode(RigNode):
         subscribe(Odometry, 'truth/target', partial(self._on_truth, topics.TRUE_TARGET), STREAM)
         subscribe(Odometry, 'truth/rig', partial(self._on_truth, topics.TRUE_RIG), STREAM)
         subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
-        self.create_timer(1.0, self._each_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(1.0, self._each_second)
 
     def deactivate(self) -> None:
         """Print the figures and write the files of the run."""

@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool
@@ -59,7 +58,7 @@ class PointingNode(RigNode):
         self._ran, self._resumed = time.monotonic(), -math.inf
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
         self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', tell=self._on_publishers)
-        self._timer = self.create_timer(PERIOD_S, self._on_time, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.create_steady_timer(PERIOD_S, self._on_time)
         self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.subscribe_odometry(self._on_odometry)
         self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED)

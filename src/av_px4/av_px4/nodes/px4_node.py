@@ -80,10 +80,10 @@ class Px4Node(RigNode):
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
             self.create_subscription(kind, topic, partial(self._take, take), RESULT)
-        self.create_timer(1.0 / RATE_HZ, self._on_timer)
+        self.create_steady_timer(1.0 / RATE_HZ, self._on_timer)
         self.refuse_second_publishers('pointing/command', 'target/bearing', tell=partial(setattr, self._stage, 'contested'))
-        self.create_timer(DISCOVERY_S, self._discover)
-        self.create_timer(WATCH_S, self._watch)
+        self.create_steady_timer(DISCOVERY_S, self._discover)
+        self.create_steady_timer(WATCH_S, self._watch)
         self._discover()
         self._watch()
 

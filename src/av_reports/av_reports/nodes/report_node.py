@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import NavSatFix
 
 from av_common.freshness import Instant
@@ -55,7 +54,7 @@ class ReportNode(RigNode):
         except Exception:
             self.deactivate()
             raise
-        self.create_timer(1.0 / RATE_HZ, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(1.0 / RATE_HZ, self._report)
 
     def deactivate(self) -> None:
         """Close the outputs."""

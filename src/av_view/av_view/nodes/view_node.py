@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
@@ -84,7 +83,7 @@ class ViewNode(RigNode):
         if self._owns_process:
             lower_priority(NICENESS)
         self._diagnostics = self.create_reader(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
-        self.create_timer(1.0 / RATE_HZ, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(1.0 / RATE_HZ, self._update)
 
     def deactivate(self) -> None:
         """Close all connections."""
