@@ -71,11 +71,12 @@ class NoiseRecording(NamedTuple):
             raise ValueError(f'{self.name} has the same sound in channels {", ".join(map(str, same[0]))}: one microphone')
 
     def windows(self, length: int) -> list[NDArray[np.float32]]:
-        """Windows (m, length) that overlap by half. Raises ValueError when it is shorter than one."""
+        """Windows (m, length) that overlap by half, without silent ones. Raises ValueError when there is none."""
         starts = range(0, len(self.samples) - length + 1, max(1, length // 2))
-        if not starts:
-            raise ValueError(f'{self.name} is shorter than a window of {length / self.sample_rate:g} s')
-        return [self.samples[start:start + length].T for start in starts]
+        windows = [window.T for start in starts if (window := self.samples[start:start + length]).any()]
+        if not windows:
+            raise ValueError(f'{self.name} has no window of {length / self.sample_rate:g} s that is not silent')
+        return windows
 
 
 class EgoNoise:

@@ -247,7 +247,7 @@ class ChannelHealth:
             turned = second[octave] * (np.cos(angles) - 1j * np.sin(angles))
             shared = abs(np.vdot(turned, first[octave]))
             one, other = (float(np.vdot(part[octave], part[octave]).real) for part in (first, second))
-            if min(one, other) <= 0.0:
+            if not 0.0 < min(one, other) <= max(one, other) < math.inf:
                 continue
             apart.append(10.0 * math.log10(one / other))
             if shared**2 / (one * other) > 1.0 - INCOHERENT ** (1.0 / (0.5 * len(turned) - 1.0)):

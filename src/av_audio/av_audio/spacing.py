@@ -68,8 +68,8 @@ class SpacingCheck:
             factor = float(np.median(self._beyond))
             return (f'its delays need microphones at least {factor:.2g} times as far apart as the {distance} of the file; '
                     f'positions are in metres, these may be too small by {decades(factor):g}')
-        if len(self._distances) == 3 and self._is_odd():
-            factor = 1.0 / float(np.median(self._shares))
+        if len(self._distances) == 3 and self._is_odd() and (share := float(np.median(self._shares))) > 0.0:
+            factor = 1.0 / share  # of none: copies of one channel, or microphones closer than a sample
             return (f'sound would cross it at {factor:.2g} times its speed; positions are in metres, these, {distance} apart, '
                     f'are too large by {decades(factor):g}')
         return ''

@@ -200,6 +200,19 @@ def test_the_varying_rig_alone_is_no_source():
     assert np.mean(confidences > 0.9) < 0.1
 
 
+@pytest.mark.parametrize('method', ['ml', 'music', 'mvdr'])
+def test_silence_in_a_recording_is_no_throttle(recording, method):
+    """As of an editor: its covariance of 0 would whiten everything, to confidences that are no numbers."""
+    padded = recording._replace(samples=np.concatenate([np.zeros((3 * RATE, 2), np.float32), recording.samples]))
+    rng = np.random.default_rng(2)
+    assert np.mean(errors(rig_alone(rng) + np.sqrt(0.5) * target(rng), method, padded) < 8.0) > 0.9
+    noise = 0.1 * rng.normal(size=(RATE, 2))
+    estimates = Localizer(PAIR, RATE, LocalizerSettings(method=method), padded).process(noise, 0)
+    assert all(np.isfinite(estimate.confidence).all() for estimate in estimates)
+    with pytest.raises(ValueError, match='not silent'):
+        padded.windows(10 * len(padded.samples))
+
+
 def test_a_knock_in_a_recording_costs_no_confidence():
     """It is no throttle, and its peak is none of the rig."""
     rng = np.random.default_rng(13)

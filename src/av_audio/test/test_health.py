@@ -87,6 +87,13 @@ def test_one_microphone_in_two_channels_is_named(gain):
     assert hear(copied, SQUARE) == {'channels 1, 3 are identical: one microphone, not an array'}
 
 
+@pytest.mark.parametrize('scale', [1e12, 1e18, 1e30])
+def test_samples_without_measure_are_no_error(scale):
+    """Of a decoder that took something else for floating point."""
+    sound = drone(PAIR)
+    hear(with_channel(sound, 1, scale * sound[:, 1]))
+
+
 def test_a_fault_is_told_until_it_is_mended():
     sound = drone(PAIR)
     health = ChannelHealth(2, RATE, PAIR)

@@ -237,6 +237,13 @@ def test_positions_ten_times_too_small_or_large_are_told(name, scale, words, azi
     assert re.search(words, told) if words else not told
 
 
+def test_copies_of_one_channel_say_nothing_about_positions():
+    """Sound without any delay crosses no array; what is wrong is said as a fault of the channels."""
+    check = SpacingCheck(MicrophoneArray(ARRAYS['in space']), RATE, C)
+    check.add(np.repeat(rotors(np.random.default_rng(9), 2.0, np.zeros(1)), 4, axis=1))
+    assert not check.problem()
+
+
 def test_a_small_array_in_centimetres_is_doubted(tmp_path, capsys):
     """3 cm as 3 m: an array that might be, but all sound would come from ahead."""
     rng = np.random.default_rng(8)
