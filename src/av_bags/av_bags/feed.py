@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
@@ -115,13 +115,23 @@ class Feed:
 
     def _timed(self) -> Iterator[tuple[int, float, Row]]:
         """Messages with the number of their segment and their time (s) on the clock that counts."""
-        recorded = ((number, row[1] / SECOND, row) for number, segment, begin_ns, end_ns in self._played()
-                    for row in self._bag.messages(self._names, begin_ns, end_ns, segment))
-        return self._stamped(row for _, _, row in recorded) if self._by_stamp else recorded
+        if not self._by_stamp:
+            return ((number, row[1] / SECOND, row) for number, row in self._rows(self._names))
+        clocked = [topic for topic, name in self._names.items() if name in CLOCKED]
+        _, first = next(self._rows(clocked), (0, None))
+        if first is None:    # behind the last stamp
+            return iter(())
+        return self._stamped((row for _, row in self._rows(self._names)), stamp_of(first[2]))
 
-    def _stamped(self, rows: Iterable[Row]) -> Iterator[tuple[int, float, Row]]:
-        """The same by the stamps. A single stamp may be wrong: two that agree begin a segment."""
-        segment, now = 0, -math.inf
+    def _rows(self, topics: Collection[str]) -> Iterator[tuple[int, Row]]:
+        """Messages of the part to read, with the number of their segment."""
+        for number, segment, begin_ns, end_ns in self._played():
+            for row in self._bag.messages(topics, begin_ns, end_ns, segment):
+                yield number, row
+
+    def _stamped(self, rows: Iterable[Row], now: float) -> Iterator[tuple[int, float, Row]]:
+        """The same by the stamps, from the first one (s) on. A single one may be wrong: two that agree begin a segment."""
+        segment = 0
         waiting: list[Row] = []
         for row in rows:
             clocked = self._names[row[0]] in CLOCKED

@@ -371,6 +371,20 @@ def test_the_clock_of_stamps_may_be_set_and_a_single_one_may_be_wrong(tmp_path):
     assert arrivals[:90].max() < 5010.0 and 9_000_000.0 < arrivals[90:].min() < arrivals[90:].max() < 9_000_010.0
 
 
+@pytest.mark.parametrize('start', [0.0, 0.52])
+def test_what_comes_before_the_first_stamp_has_its_time(tmp_path, start):
+    rows = []
+    for k in range(20):
+        time_ns, stamp = START + k * SECOND // 20, 100.0 + 0.05 * k
+        rows.append(('/camera/camera_info', time_ns, make.camera_info(stamp)))
+        rows += [('/odometry', time_ns + SECOND // 100, make.odometry(stamp))] if k > 2 else []
+    write(tmp_path / 'bag', rows)
+    with Bag(tmp_path / 'bag') as bag:
+        topics = {'camera/camera_info': '/camera/camera_info', 'odometry': '/odometry'}
+        arrivals = [one.arrival for one in Feed(bag, topics, start=start)]
+    assert arrivals == sorted(arrivals) and arrivals[0] == pytest.approx(100.15 if not start else 100.55, abs=1e-6)
+
+
 @pytest.mark.parametrize('name', ['split_overlap', 'two_recorders'])
 def test_the_folders_of_the_field(name):
     if not FIELD_CASES.is_dir():
