@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from album import Album
+from album import Album, Sample
 from painted import Rng
-from samples import Sample, finish
+from samples import finish
 
 INPUT = 320          # pixels of the longer side
 LEAST_SHARE = 0.06  # of the crop's side: what is smaller is for the pass over sharp crops, and counts for nothing here

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from album import Album, cut
+from album import Album, Sample, cut
 from clips import CLASSES, HEIGHT, WIDTH, Frames, scaled
 from material import before_dark, crowded_places, cutouts
 from numpy.typing import NDArray
 from painted import Rng, branches, log_uniform, painted_background
 from pasting import fog, paste
 
-Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED, BRANCHES = 120, 150  # images
 MIXTURE = {'DRONE': 0.10, 'BIRD': 0.06, 'AIRPLANE': 0.09, 'HELICOPTER': 0.05, 'CROWDED': 0.13, 'PAINTED': 0.02,

@@ -38,8 +38,7 @@ def build_simulated(folder: Path, worlds: int = 210, images: int = 30) -> None:
         for world in range(worlds):
             for number, image in enumerate(fly(world, images)):
                 out.write(image.bgr.tobytes())
-                boxes = [(0, *truth.box[:2], truth.box[2] + 1, truth.box[3] + 1) for truth in image.truth
-                         if truth.box and truth.visible_fraction > 0.4 and truth.box[2] - truth.box[0] >= 5]
+                boxes = np.pad(boxes_of(image, 6.0), ((0, 0), (1, 0))).tolist()    # of class 0
                 index.append({'clip': f'V_SIM_{world:03d}', 'frame': number, 'split': 'train', 'boxes': boxes})
     (folder / 'index.json').write_text(json.dumps(index))
 

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from album import cut
+from album import Sample, cut
 from clips import CLASSES, INFRARED_SIZE, read_boxes, scaled, split_of
 from numpy.typing import NDArray
 from painted import Rng, log_uniform, noise
-from samples import Sample, visible
+from samples import visible
 from simulated import build_thermal
 
 WIDTH, HEIGHT = INFRARED_SIZE
