@@ -180,3 +180,14 @@ def test_the_sun_saturates_and_an_insect_is_a_blurred_thing_in_the_middle():
         assert alpha.max() > 20
         assert alpha[0].max() == alpha[-1].max() == 0.0
         assert np.abs(np.gradient(alpha)[0]).max() < 100.0  # no sharp edge
+
+
+def test_looks_a_second_are_those_of_the_log_of_a_run(tmp_path):
+    from live import looks
+
+    from av_evaluation.metrics.run_log import RunLog
+    log = RunLog()
+    for number in range(11):
+        log.sight.add(100.0 + 0.1 * number, 0.2, 0.9, 0.05)
+    log.save(tmp_path)
+    assert looks(tmp_path / 'sight.csv') == pytest.approx((10.0, 0.05))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import csv
 import os
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 from measure import Row
 
@@ -33,13 +34,20 @@ def beside_the_rig(model: Path, classes: tuple[str, ...], cores: int) -> list[Ro
                     launch.wait(4 * SECONDS)
                 finally:
                     launch.terminate()
-            sight = json.loads((Path(folder) / 'metrics.json').read_text())['senses']['sight']
+            rate, delay = looks(Path(folder) / 'sight.csv')
         except (OSError, subprocess.TimeoutExpired) as error:
             raise RuntimeError(f'the rig did not run: {error}; build the workspace and source tools/ros_env.sh') from error
     where = f'live beside the rig on {cores} cores' if cores > 1 else 'live beside the rig on 1 core, simulator on others'
     aims = ('15', '120 ms') if cores > 1 else ('8', '')
-    return [(f'{where}: looks a second', aims[0], f'{sight["rate_hz"]:.1f}'),
-            ('... from capture to detections, median', aims[1], f'{sight["delay_median_ms"]:.0f} ms')]
+    return [(f'{where}: looks a second', aims[0], f'{rate:.1f}'),
+            ('... from capture to detections, median', aims[1], f'{1e3 * delay:.0f} ms')]
+
+
+def looks(file: Path) -> tuple[float, float]:
+    """Looks a second, and the median time (s) from capture to detections, by the monitor's log of a run."""
+    with file.open() as rows:
+        time, delay = np.array([(row['time'], row['delay']) for row in csv.DictReader(rows)], float).reshape(-1, 2).T
+    return (len(time) - 1) / np.ptp(time) if len(time) > 1 else 0.0, float(np.median(delay)) if len(delay) else np.nan
 
 
 def _confine(launch: int, cores: int) -> None:
