@@ -18,6 +18,7 @@ from av_pointing.stage import PointingStage
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 
 STEP_S = 0.005
+TICK_HZ = 30.0    # of commands without messages
 START_S, EPOCH_S = 100.0, 1.7e9    # of the simulated steady clock, and of ROS time
 Direction = Callable[[float], float]
 
@@ -32,7 +33,7 @@ class Conditions:
         bearing_age (s): age of bearings on their arrival.
         age_jitter (s): standard deviation of the ages of bearings and odometry, at most the age; messages keep their order.
         stamped: bearings are stamped with the time of what they show; otherwise with that of their arrival.
-        bearing_rate, odometry_rate, tick_rate (Hz): of the messages, and of commands without them.
+        bearing_rate, odometry_rate (Hz): of the messages.
         irregular: largest share by which an interval between bearings differs from the mean one.
         odometry_age (s): age of odometry on its arrival.
         noise (rad): standard deviation of bearings.
@@ -50,7 +51,6 @@ class Conditions:
     bearing_rate: float = 20.0
     odometry_rate: float = 50.0
     odometry_age: float = 0.01
-    tick_rate: float = 30.0
     irregular: float = 0.0
     noise: float = 0.0
     stalls: float = 0.0
@@ -144,7 +144,7 @@ class _Simulation:
         if not commands and time >= self._due['tick']:
             commands.append(self._stage.on_time(now))
         if commands:
-            self._due['tick'] = time + 1.0 / self._conditions.tick_rate
+            self._due['tick'] = time + 1.0 / TICK_HZ
         return commands
 
     def _bearing(self, captured: float, now: float, yaw: float) -> Bearing:

@@ -134,7 +134,6 @@ class FormulaRig:
         path: position (3; m) of the rig in the world.
         camera: rotation of the camera (x along its axis) on the body.
         others: those of further cameras, by their names.
-        sees: whether a camera, by its name, shows anything.
         gimbal: what carries a camera that turns on the body; None where it is fixed.
         sound, sight, odometry: whether the sensor sends messages.
         visibility: of images, None where nothing is reported of it.
@@ -153,7 +152,6 @@ class FormulaRig:
     array: str = 'pair'
     camera: Callable[[float], Rotation] = lambda t: Rotation.identity()
     others: dict[str, Callable[[float], Rotation]] = field(default_factory=dict)
-    sees: Callable[[str, float], bool] = lambda camera, t: True
     gimbal: GimbalMount | None = None
     sound: Callable[[float], bool] = always
     sight: Callable[[float], bool] = always
@@ -329,7 +327,7 @@ class FormulaRig:
         message.header.stamp, message.header.frame_id = to_stamp(START + t), camera
         clear = 1.0 if self.visibility is None else self.visibility(t)
         for number, source in enumerate(self.sources):
-            place = self.pixel(t, number, camera) if source.seen(t) and self.sees(camera, t) else None
+            place = self.pixel(t, number, camera) if source.seen(t) else None
             if place is not None and self.random.random() < self.detection_probability * clear:
                 place = place + PIXEL_SIGMA * self.random.normal(size=2) + self.misaligned[camera]
                 message.detections.append(detection(place[0], place[1], source.score))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel, SensingModel, Trajectory
 from av_network.settings import RigSettings
@@ -30,11 +29,7 @@ def flight(center: Sequence[float], seed: int, extent: Sequence[float] = (18.0, 
     x, y, z = center
     a, b, c = extent
     path = RandomFlight((x, y, z), (a, b, c), 14.0, seed)
-
-    def position(time: float) -> NDArray[np.float64]:
-        return np.asarray(path(time)[0])
-
-    return position
+    return lambda time: np.asarray(path(time)[0])
 
 
 def two_rigs(seed: int, seen: float = 1.0) -> NetworkSimulation:

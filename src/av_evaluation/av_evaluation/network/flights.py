@@ -110,11 +110,7 @@ def lanes(seed: int, duration: float) -> Trajectory:
 
 def _interpolated(places: NDArray[np.float64]) -> Trajectory:
     times = STEP_S * np.arange(len(places))
-
-    def position(time: float) -> NDArray[np.float64]:
-        return np.array([np.interp(time, times, axis) for axis in places.T])
-
-    return position
+    return lambda time: np.array([np.interp(time, times, axis) for axis in places.T])
 
 
 FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight, 'lanes': lanes}

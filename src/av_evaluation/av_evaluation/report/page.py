@@ -27,14 +27,12 @@ class Page:
 
     Parameters:
         title: of the page.
-        lead: paragraph below the title, empty for none.
+        lead: paragraph below the title.
     """
 
-    def __init__(self, title: str, lead: str = '') -> None:
+    def __init__(self, title: str, lead: str) -> None:
         self._title = title
-        self._parts = [f'<h1>{_text(title)}</h1>']
-        if lead:
-            self._parts.append(f'<p class="lead">{_text(lead)}</p>')
+        self._parts = [f'<h1>{_text(title)}</h1>', f'<p class="lead">{_text(lead)}</p>']
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a heading.

@@ -11,18 +11,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import TypeVar
 
 from av_common.arguments import whole
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
-
-Work = Callable[[argparse.Namespace], int]
-Group = TypeVar('Group', bound=Hashable)
 
 
 def run_cases(cases: Sequence[Case], out: Path, workers: int, progress: Progress) -> tuple[dict[str, RunResult], list[str]]:
@@ -108,7 +104,8 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
     add('--quiet', action='store_true', help='print no progress')
 
 
-def run_program(work: Work, parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> int:
+def run_program(work: Callable[[argparse.Namespace], int], parser: argparse.ArgumentParser, arguments: Sequence[str] | None
+                ) -> int:
     """Run a program; returns the exit code of its work, 2 after an error, which is printed, and 130 after Ctrl-C.
 
     Parameters:
@@ -129,8 +126,8 @@ def run_program(work: Work, parser: argparse.ArgumentParser, arguments: Sequence
         return 130
 
 
-def compute(groups: Mapping[Group, Sequence[Case]],
-            options: argparse.Namespace) -> tuple[dict[Group, list[RunResult]], list[str]]:
+def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
+            ) -> tuple[dict[str, list[RunResult]], list[str]]:
     """Compute groups of cases; returns results by group, and which cases failed, with the reasons, which are printed.
 
     Parameters:
