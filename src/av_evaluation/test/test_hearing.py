@@ -156,3 +156,15 @@ def test_a_recording_of_the_rig_tells_its_rotors_from_the_target(monkeypatch):
     assert shares[f'{title}recording, music: of those confident'] == 0.0
     title += 'a rotor 6 dB louder, '
     assert shares[f'{title}recording, learned anew: beyond 20 deg'] < shares[f'{title}stale recording: beyond 20 deg']
+
+
+@pytest.mark.parametrize(('name', 'content'), [
+    ('SourcePosition', np.zeros(5)), ('Data.SamplingRate', np.zeros(1)), ('Data.SamplingRate', np.array([np.nan])),
+    ('Data.SamplingRate', np.zeros(0)), ('Data.IR', np.zeros((3, 2, 8))), ('Data.IR', np.zeros((5, 1, 8)))])
+def test_a_sofa_file_of_another_form_is_refused_by_name(tmp_path, name, content):
+    write_sofa(tmp_path / 'head.sofa', np.linspace(0.0, 90.0, 5), np.ones((5, 2, 8)))
+    with h5py.File(tmp_path / 'head.sofa', 'a') as file:
+        del file[name]
+        file[name] = content
+    with pytest.raises(ValueError, match=r'head\.sofa'):
+        read_responses(tmp_path / 'head.sofa')

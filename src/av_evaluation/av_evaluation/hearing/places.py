@@ -88,12 +88,12 @@ def read_responses(path: Path) -> Responses:
     try:
         with h5py.File(path) as file:
             positions, impulses, rate = file['SourcePosition'][:], file['Data.IR'][:], int(file['Data.SamplingRate'][0])
-    except (OSError, KeyError) as error:
+        level = np.flatnonzero(np.abs(positions[:, 1]) < 0.1)
+    except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
         raise ValueError(f'{path} is no SOFA file of impulse responses: {error}') from error
-    level = np.flatnonzero(np.abs(positions[:, 1]) < 0.1)
-    if impulses.ndim != 3 or impulses.shape[1] != 2 or len(level) < 3:
-        raise ValueError(f'{path} has responses of shape {impulses.shape}, {len(level)} of them horizontal; expected two ears '
-                         'and several azimuths')
+    if impulses.ndim != 3 or impulses.shape[1] != 2 or len(impulses) != len(positions) or rate <= 0 or len(level) < 3:
+        raise ValueError(f'{path} has responses of shape {impulses.shape} at {rate} Hz, {len(level)} of them horizontal; '
+                         'expected two ears and several azimuths')
     order = level[np.argsort(np.mod(positions[level, 0], 360.0))]
     azimuths, responses = np.radians(positions[order, 0]), impulses[order]
     arrivals = np.argmax(np.abs(responses), axis=2) @ [-1.0, 1.0]
