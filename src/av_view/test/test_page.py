@@ -98,12 +98,14 @@ def test_a_target_is_selected_at_once_only_where_nothing_can_move(rig, phone, en
     for condition in (f'(valueOf("pointing_node", "enabled") ?? null) === {known}', '$("select").length === 2'):
         rig.show(enabled=enabled, tracks=[track])    # the list of targets follows at the next state
         assert phone.wait_for(condition)
+    before = phone.value('$("select").value')
     phone.value('$("select").value = "1", $("select").onchange()')
     assert phone.value('$("ask").open') is (enabled is not False)
     assert enabled is False or f'This moves towards drone 1: {BOTH}.' in phone.value('$("ask-words").textContent')
     assert enabled is not False or phone.wait_for('$("answer").textContent === "as you wish"')
     assert (('select', 1) in rig.asked) is (enabled is False)
     phone.value('$("ask").close("no")')
+    assert phone.wait_for(f'$("select").value === "{before if enabled is not False else 1}"')    # what is carried out
 
 
 def test_the_stop_is_in_reach_on_a_phone_and_closes_what_asks(rig, phone):

@@ -9,7 +9,7 @@ const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
 if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
 window.onhashchange = () => location.reload(); // another token
 
-let socket, pending, retry, bagsAsked = -Infinity, tuningAsked = -Infinity, number = 0, serial = 0, chosen = null, rows = [], state = null, nodes = [], offers = [], control = false, permitted = false, northUp = false;
+let socket, pending, retry, bagsAsked = -Infinity, tuningAsked = -Infinity, number = 0, serial = 0, followed = 0, chosen = null, rows = [], state = null, nodes = [], offers = [], control = false, permitted = false, northUp = false;
 let pictureUrl = '';
 const answers = new Map(), tails = new Map(), mapTails = new Map();
 
@@ -58,7 +58,7 @@ function lost() {
   for (const button of document.querySelectorAll('#stop, #side button, #side select, #side input')) button.disabled = true;
 }
 
-function forget() { rows = []; state = null; serial = 0; nodes = []; tails.clear(); mapTails.clear(); bagsAsked = tuningAsked = -Infinity; }
+function forget() { rows = []; state = null; serial = followed = 0; nodes = []; tails.clear(); mapTails.clear(); bagsAsked = tuningAsked = -Infinity; }
 
 function say(chip, kind, words) {
   $('state').textContent = chip; $('state').className = `chip ${kind}`; $('bearing').value = ''; $('reason').textContent = $('reason').title = words;
@@ -121,6 +121,7 @@ async function act(action, values) {
   $('answer').textContent = '…';
   const answer = await request(action, values);
   $('answer').textContent = (answer.done ? '' : 'Refused: ') + (answer.words || 'done');
+  if (action === 'select' && answer.done) { followed = values.value; showFollowed(); }
 }
 
 $('stop').onclick = () => { if ($('ask').open) $('ask').close('no'); act('enable', { value: false }); };
@@ -128,9 +129,11 @@ $('enable').onclick = () => confirmMove('enable', '', { value: true });
 $('turn').onclick = () => confirmMove('turn', '');
 $('select').onchange = () => {
   const value = Number($('select').value), track = state?.tracks.find(one => one.id === value);
+  showFollowed(); // until it is carried out: what was cancelled or refused can be chosen again
   if (valueOf('pointing_node', 'enabled') === 'False') act('select', { value });
   else confirmMove('select', track ? nameOf(track) : 'the target that the policy chooses', { value });
 };
+const showFollowed = () => { $('select').value = followed; if (!$('select').value) $('select').value = 0; };
 $('open').onchange = () => { act('open', { value: $('open').value }); $('open').value = ''; };
 $('mark').onsubmit = event => { event.preventDefault(); act('mark', { value: $('mark-text').value }); $('mark-text').value = ''; };
 
