@@ -151,7 +151,9 @@ def angle_to_axis(cosine: float, sigma: float, total_sigma: float) -> tuple[floa
 
 def _posterior(cosine: float, sigma: float) -> tuple[float, float]:
     """Posterior mean and standard deviation; see `angle_to_axis`."""
-    nearest, furthest = (math.acos(max(-1.0, min(1.0, cosine + side * sigma))) for side in (5.0, -5.0))
+    # Within 5 sigma. A cosine that no angle has, such as 1.03 by an error of the geometry, is seen from one sigma inside.
+    nearest = math.acos(min(1.0, max(cosine + 5.0 * sigma, sigma - 1.0)))
+    furthest = math.acos(max(-1.0, min(cosine - 5.0 * sigma, 1.0 - sigma)))
     angles = nearest + (furthest - nearest) * POSTERIOR_GRID
     deviations = ((np.cos(angles) - cosine) / max(sigma, 1e-9)) ** 2
     likelihood = np.exp(-0.5 * (deviations - deviations.min()))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from known_sound import RATE, flat
 
+from av_audio.directions import angle_to_axis
 from av_audio.localizer import METHODS, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
@@ -46,6 +47,17 @@ def test_a_source_on_the_axis_is_marked_as_end_fire():
     beside = only(Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0)).process(plane_wave(PAIR, 0.0), 0))
     assert not beside.end_fire.any()
     assert estimate.azimuth_variance[0] > 10.0 * beside.azimuth_variance[0]
+
+
+@pytest.mark.parametrize('cosine', [0.2, 0.98, 1.0, 1.02, 1.024, 1.03, 1.05, -1.04])
+def test_the_angle_is_the_posterior_mean_also_where_no_angle_has_the_cosine(cosine):
+    """As by an array that is 3 % longer than its file says: the variance was 0, and fusion left such directions out."""
+    sigma, angles = 0.005, np.linspace(0.0, np.pi, 100_001)
+    misfit = ((np.cos(angles) - cosine) / sigma) ** 2
+    density = np.exp(-0.5 * (misfit - misfit.min()))
+    mean = density @ angles / density.sum()
+    deviation = np.sqrt(density @ (angles - mean) ** 2 / density.sum())
+    assert angle_to_axis(cosine, sigma, sigma) == pytest.approx((mean, deviation), rel=0.03)
 
 
 def test_a_line_that_is_bent_by_two_millimetres_is_a_line():
