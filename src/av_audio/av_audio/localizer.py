@@ -129,7 +129,8 @@ class Localizer:
         array: positions of the microphones, one per channel.
         sample_rate (Hz): sample rate of the stream.
         settings: defaults where None.
-        ego_noise: recording of the rig alone, by which spectra are whitened; None whitens nothing.
+        ego_noise: recording of the rig alone, by which spectra are whitened; None whitens nothing. Methods of other packages
+            do not use it.
 
     Raises ValueError when settings or recording do not fit the array or the sample rate.
     """
@@ -149,9 +150,10 @@ class Localizer:
         self._foreign: WindowMethod | None = None
         if settings.method not in METHODS:
             self._foreign = DOA_METHODS.load(settings.method)(array, sample_rate)
+            ego_noise = None  # it takes samples as they are
         self._analyzer, self._estimator = make_estimator(
             settings.method if self._foreign is None else 'plain', array, sample_rate, self._window, settings.band_hz,
-            speed_of_sound(settings.temperature_c), settings.wideband, ego_noise if self._foreign is None else None)
+            speed_of_sound(settings.temperature_c), settings.wideband, ego_noise)
         self._near: NearField | None = None  # what a recording whitens needs none
         if ego_noise is None:
             self._near = NearField(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c))

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.methods import DOA_METHODS, Direction
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
@@ -42,8 +44,8 @@ def window(rng, array, over_db):
     return (0.1 * sound / sound.std()).astype(np.float32)
 
 
-def own_of(array, sounds):
-    localizer = Localizer(array, RATE, LocalizerSettings(window_s=SECONDS, hop_s=SECONDS))
+def own_of(array, sounds, method='ml', recording=None):
+    localizer = Localizer(array, RATE, LocalizerSettings(window_s=SECONDS, hop_s=SECONDS, method=method), recording)
     return np.array([localizer.process(sound, localizer.next_sample)[0].own for sound in sounds])
 
 
@@ -52,6 +54,16 @@ def test_own_rotors_that_are_louder_are_told_from_a_target(array):
     rng = np.random.default_rng(4)
     assert np.mean(own_of(array, [window(rng, array, 15.0) for _ in range(20)]) > 0.5) >= 0.9
     assert np.mean(own_of(array, [window(rng, array, -np.inf) for _ in range(20)]) < 0.2) >= 0.9
+
+
+def test_a_recording_hides_own_rotors_from_no_method_that_does_not_use_it(monkeypatch):
+    rng = np.random.default_rng(4)
+    alone = NoiseRecording(np.concatenate([own(rng, PAIR) for _ in range(4)]).astype(np.float32), RATE)
+    monkeypatch.setattr(DOA_METHODS, 'check', lambda name: None)
+    monkeypatch.setattr(DOA_METHODS, 'load', lambda name: lambda array, rate: lambda samples: [Direction(0.3, 0.01)])
+    sounds = [window(rng, PAIR, 15.0) for _ in range(10)]
+    assert np.array_equal(own_of(PAIR, sounds, 'ahead', alone), own_of(PAIR, sounds, 'ahead'))
+    assert np.mean(own_of(PAIR, sounds, 'ahead', alone) > 0.5) >= 0.9
 
 
 def test_gains_of_microphones_are_no_near_field():
