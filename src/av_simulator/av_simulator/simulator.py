@@ -179,7 +179,7 @@ class Simulator:
         if math.isnan(self._start):    # start after the first step, which is slower than the others
             self._start, self._start_ms = self._wait_for_begin()
         if self._begin is not None and self._lag(end) > self.MOST_LATE:
-            self._join()
+            self._join(begin)
             return
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
@@ -205,12 +205,13 @@ class Simulator:
         begin = now if self._begin is None else min(self._begin, now)
         return self._clock.monotonic() - (now - begin), int(1e3 * begin)
 
-    def _join(self) -> None:
-        """Go on at the present simulated time of a shared world, without the sound until then."""
+    def _join(self, begin: float) -> None:
+        """Go on at the present simulated time of a shared world, without the sound from `begin` (s) until then."""
         log.warning('%.1f s behind the others in this world: skipped', self._lag(self.world.time))
         while (lag := self._lag(self.world.time)) > 0.0 and not self._stopped:
             self._beat()
             self.world.skip(min(lag, 1.0))
+        self._sequence += round((self.world.time - begin) * BLOCKS_PER_SECOND)
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """Times in (begin, end] and the functions to call at them, in order."""

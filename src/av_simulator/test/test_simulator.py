@@ -32,7 +32,7 @@ from av_sim_bridge.receiving.streams import (
     TruthStream,
 )
 from av_sim_bridge.vehicle import VehicleState, to_truth
-from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.image import decode_fragment
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
@@ -212,8 +212,12 @@ def test_image_and_truth_agree_within_5_ms(streams):
 
 
 def truths(begin, started, slow=0.0, until=9.0, stopped=0.0):
-    """Wall time and place of the target in each datagram of a simulator that is started so many seconds (s) after `begin`."""
-    clock, sent, options = SleptTime(), [], WireOptions(ports=free_ports(), image_rate=0.0)
+    """Wall time and place of the target in each datagram of a simulator that is started so many seconds (s) after `begin`.
+
+    Also the simulator, and the headers of its sound.
+    """
+    clock, sent, options = SleptTime(), [], WireOptions(ports=free_ports(), image_rate=0.0, audio_header=True)
+    headers = []
     clock.slept += started
 
     class Slow(World):
@@ -227,12 +231,14 @@ def truths(begin, started, slow=0.0, until=9.0, stopped=0.0):
         clock.sleep(stopped * (7.0 < clock.slept < 7.02))
         if address[1] == options.ports.target_truth:
             sent.append((clock.slept, *decode_truth(datagram).position_ned))
+        elif address[1] == options.ports.audio:
+            headers.append(decode_header(AudioFormat(), datagram))
 
     scenario = dataclasses.replace(SCENARIO, targets=[Target(Line([0.0, 30.0, 5.0], [4.0, 0.0, 0.0]))])
     simulator = Simulator(Slow(scenario, load_rig(find_config('rig'))), options, clock, send)
     simulator.run(until, begin + 1_700_000_000.0)
     simulator.close()
-    return np.array(sent), simulator
+    return np.array(sent), simulator, headers
 
 
 @pytest.mark.parametrize('started, slow, stopped', [(0.2, 0.0, 0.0), (5.0, 0.0, 0.0), (0.2, 1.6, 0.0), (0.2, 0.0, 1.6)])
@@ -241,17 +247,19 @@ def test_who_begins_late_or_falls_behind_is_in_the_same_world(started, slow, sto
 
     What was due while it stood still is sent later: the rest of one step.
     """
-    first, _ = truths(2.0, 0.0)
-    second, simulator = truths(2.0, started, slow, stopped=stopped)
+    first, *_ = truths(2.0, 0.0)
+    second, simulator, headers = truths(2.0, started, slow, stopped=stopped)
     expected = np.interp(second[:, 0], first[:, 0], first[:, 2])
     assert np.ptp(expected) > 10.0 and np.sum(np.abs(second[:, 2] - expected) > 4.0 * 0.15) <= 4 * bool(stopped)
     assert abs(second[-1, 0] - first[-1, 0]) < 0.05
     assert second[0, 0] < max(started, 2.0) + 1.0 and not simulator.counts.resynchronised
+    # What was left out is missing in the numbers of the sound, too.
+    assert max(abs((header.time - headers[0].time) - (header.sequence - headers[0].sequence) / 30) for header in headers) < 0.02
 
 
 def test_a_world_is_joined_an_hour_after_its_beginning():
     """It is at once at the present simulated time: the target flies east at 4 m/s."""
-    sent, _ = truths(2.0, 3602.0, until=3603.0)
+    sent, *_ = truths(2.0, 3602.0, until=3603.0)
     assert sent[0, 0] < 3603.0 and np.abs(sent[:, 2] - 4.0 * (sent[:, 0] - 2.0)).max() < 4.0 * 0.15
 
 
