@@ -18,8 +18,8 @@ NODE, FUSION_NODE = '6ba7b810-9dad-41d1-80b4-00c04fd430c8', '0f0e0d0c-0b0a-4908-
 SETTINGS = SapientSettings(NODE, obey_tasks=True)
 
 
-def from_fusion_node(destination=NODE, **content):
-    message = SapientMessage(node_id=FUSION_NODE, destination_id=destination, **content)
+def from_fusion_node(destination=NODE, node_id=FUSION_NODE, **content):
+    message = SapientMessage(node_id=node_id, destination_id=destination, **content)
     message.timestamp.FromNanoseconds(round(NOW * 1e9))
     return message.SerializeToString()
 

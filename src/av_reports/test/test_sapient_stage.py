@@ -291,6 +291,15 @@ def test_a_clock_that_is_set_back_silences_nothing(stage):
     assert not stage.on_tracks([bearing(3), bearing(4)], before + 0.1).messages
 
 
+def test_who_asked_for_a_task_is_told_of_its_end(stage):
+    other = '00000000-0000-4000-8000-000000000001'
+    begin(stage, command={'look_at': NORTH})
+    refused = stage.on_message(from_fusion_node(node_id=other, task=Task(task_id=new_ulid(NOW), control=1)), PLACE, NOW)
+    over = stage.on_time(Health(), NOW + LONGEST_S)
+    assert [message.destination_id for reaction in (refused, over) for message in read(reaction)
+            if message.HasField('task_ack')] == [other, FUSION_NODE]
+
+
 def test_messages_for_others_are_not_answered(stage):
     other = from_fusion_node('00000000-0000-4000-8000-000000000001', task=Task(task_id=new_ulid(NOW), control=1))
     assert stage.on_message(other, PLACE, NOW) == ((), None) and stage.counts['messages for others'] == 1

@@ -92,7 +92,7 @@ class SapientStage:
         self._settings = settings
         self._objects = ObjectIds()
         self.desk = TaskDesk(self._objects, settings.obey_tasks)
-        self._tasker = ''  # UUID of the fusion node that sent the newest task
+        self._taskers: dict[str, str] = {}  # UUIDs of the fusion nodes that asked last for the present tasks, by the tasks' ids
         self._newest_error, self.problem = -math.inf, ''
         self.counts = dict.fromkeys(('detection reports', 'status reports', 'unusable messages', 'messages for others',
                                      'errors of the fusion node'), 0)
@@ -148,7 +148,7 @@ class SapientStage:
             words = '; '.join(message.error.error_message)[:LONGEST_REASON] or 'without words'
             self._session.error, self._session.error_time = f'reports an error: {words}', now
         elif kind == 'task':
-            self._tasker = message.node_id
+            self._taskers[message.task.task_id] = message.node_id
             if message.task.control == Task.CONTROL_START and message.task.command.WhichOneof('command') == 'request':
                 return self._on_request(message.task, now)
             if not self.accepted:
@@ -218,11 +218,11 @@ class SapientStage:
         if wanted not in map(str.lower, REQUESTS) or (wanted == 'status' and shown is None):
             return self._answer(self.desk.refuse(task.task_id, f'{task.command.request!r:.40} is not supported, only '
                                                  f'{" and ".join(REQUESTS)}'), now)
-        acks = self._answer(Answer((task_ack(task.task_id, TaskAck.TASK_STATUS_ACCEPTED),)), now).messages
-        done = self._answer(Answer((task_ack(task.task_id, TaskAck.TASK_STATUS_COMPLETED),)), now).messages
+        states = TaskAck.TASK_STATUS_ACCEPTED, TaskAck.TASK_STATUS_COMPLETED
+        accepted, done = self._answer(Answer(tuple(task_ack(task.task_id, state) for state in states)), now).messages
         answer = (self._pack(now, registration=registration_message(self._settings)) if shown is None or wanted != 'status'
                   else self._status(shown[0], False, now))
-        return Reaction((*acks, answer, *done))
+        return Reaction((accepted, answer, done))
 
     @property
     def _task(self) -> str:
@@ -241,7 +241,8 @@ class SapientStage:
         return Reaction((self._pack(now, error=error),))
 
     def _answer(self, answer: Answer, now: float) -> Reaction:
-        messages = tuple(self._pack(now, self._tasker, task_ack=ack) for ack in answer.acks)
+        messages = tuple(self._pack(now, self._taskers[ack.task_id], task_ack=ack) for ack in answer.acks)
+        self._taskers = {task: tasker for task, tasker in self._taskers.items() if task in self.desk.tasks}
         return Reaction(messages, answer.command)
 
     def _detection(self, track: Reported, now: float, lost: bool = False) -> bytes:

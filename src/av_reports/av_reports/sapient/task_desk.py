@@ -45,6 +45,11 @@ class TaskDesk:
         self.active: ActiveTask | None = None
         self.refused = self.accepted = 0
 
+    @property
+    def tasks(self) -> set[str]:
+        """Ids of the tasks that are performed, or beginning."""
+        return {task.task_id for task in (self.active, self._asked and self._asked[0]) if task}
+
     def on_task(self, task: Any, place: Place | None, now: float) -> Answer:
         """Decide about a task.
 
