@@ -41,28 +41,37 @@ class Parts:
             raise BagError(f'{path}: no such bag')
         self.files = self._of_folder() if path.is_dir() else [path]
         for file in list(self.files):
-            check_file(file)
             try:
+                check_file(file)
                 if file.suffix != COMPRESSED:
                     _check_kind(file)
-            except BagError as error:
-                if len(self.files) == 1:
-                    raise
-                self.files.remove(file)    # such as one that was empty when the disk was full; the others are good
-                self.lost.append(str(error))
+            except (BagError, OSError) as error:
+                self._leave_out(file, error)
 
     def expanded(self, folder: Callable[[], Path]) -> list[Path]:
         """The files, those that are compressed as copies in new folders that `folder` makes. Raises ValueError or OSError."""
         found = []
-        for file in self.files:
-            if file.suffix == COMPRESSED:
-                copy = folder() / file.stem
+        for file in list(self.files):
+            if file.suffix != COMPRESSED:
+                found.append(file)
+                continue
+            copy = folder() / file.stem
+            try:
                 problem = expand(file, copy)
-                self.lost += [problem] if problem else []
                 _check_kind(copy, file)
-                file = copy
-            found.append(file)
+            except (ValueError, OSError) as error:
+                self._leave_out(file, error)
+                continue
+            self.lost += [problem] if problem else []
+            found.append(copy)
         return found
+
+    def _leave_out(self, file: Path, error: Exception) -> None:
+        """Go on without a file, such as one that was empty when the disk was full. Raises the error of the last one."""
+        if len(self.files) == 1:
+            raise error
+        self.files.remove(file)
+        self.lost.append(str(error))
 
     def _of_folder(self) -> list[Path]:
         """The files of a folder. Hidden ones are none: macOS writes a `._NAME` beside each file on disks of other systems."""

@@ -12,6 +12,7 @@ import yaml
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import zstd
 
 from av_bags.definitions import SEPARATOR, definition
 from av_bags.feed import Feed
@@ -120,6 +121,26 @@ def test_one_bad_file_costs_only_its_own_messages(tmp_path, storage, content, ba
     with Bag(path) as bag:
         assert list(bag.messages()) == keys(parts[1 - bad])
         assert [problem for problem in bag.problems if file.name in problem]
+
+
+@pytest.mark.parametrize('bad', [0, 1])
+@pytest.mark.parametrize('content', [b'', b'no zstd', zstd.compress(b'no bag'), None], ids=['empty', 'text', 'none', 'nowhere'])
+def test_one_bad_compressed_file_costs_only_its_own_messages(tmp_path, content, bad):
+    rows = recorded()
+    parts = [rows[:150], rows[150:]]
+    path = folder_of(tmp_path / 'bag', parts)
+    for number, file in enumerate(sorted(path.iterdir())):
+        packed = file.with_name(f'{file.name}.zstd')
+        if number != bad:
+            packed.write_bytes(zstd.compress(file.read_bytes()))
+        elif content is None:
+            packed.symlink_to(tmp_path / 'nowhere')
+        else:
+            packed.write_bytes(content)
+        file.unlink()
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(parts[1 - bad])
+        assert [problem for problem in bag.problems if f'bag_{bad}.mcap.zstd' in problem]
 
 
 def test_a_topic_of_two_types_has_that_of_most_messages(tmp_path):
