@@ -56,13 +56,14 @@ class PointingNode(RigNode):
     def activate(self) -> None:
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         self._ran, self._resumed = time.monotonic(), -math.inf
+        cues = ['target/cue'] if self._settings.follow_cues else []
+        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', *cues, tell=self._on_publishers)
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', tell=self._on_publishers)
         self._timer = self.create_steady_timer(PERIOD_S, self._on_time)
         self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.subscribe_odometry(self._on_odometry)
         self.create_subscription(Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED)
-        if self._settings.follow_cues:
+        if cues:
             self.create_subscription(PointStamped, 'target/cue', self._on_cue, RESULT)
         self.create_service(SetBool, '~/enable', self._on_enable)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
@@ -56,7 +57,8 @@ class RigFramesNode(RigNode):
         self.create_subscription(GimbalState, 'gimbal/state', self._on_state, STREAM)
         self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.create_subscription(JointState, 'joint_states', partial(self._publish, self._stage.on_joints), STREAM)
-        self.subscribe_odometry(partial(self._publish, self._stage.on_odometry))
+        self.subscribe_odometry(self._on_odometry)
+        self.refuse_second_publishers('pointing/command', 'odometry')
         self.create_timer(PERIOD_S, self._on_time)
 
     def _send_fixed(self) -> None:
@@ -69,8 +71,12 @@ class RigFramesNode(RigNode):
             self._moving.publish(TFMessage(transforms=[transform]))
 
     def _on_command(self, message: PointingCommand) -> None:
-        if self._stage:
+        if self._stage and 'pointing/command' not in self.contested:    # which no gimbal obeys then
             self._stage.on_command(message, self.now())
+
+    def _on_odometry(self, message: Odometry) -> None:
+        if self._stage and 'odometry' not in self.contested:
+            self._publish(self._stage.on_odometry, message)
 
     def _publish(self, take: Any, message: Any) -> None:
         state = take(message, self.now())
