@@ -87,6 +87,7 @@ def test_images_of_other_sizes_are_fitted_into_the_video(folder, capsys):
 
 @pytest.mark.parametrize(('options', 'reason'), [
     (['nowhere.mp4'], 'nowhere.mp4 does not exist'), (['images', '--model', 'nowhere.onnx'], 'nowhere.onnx does not exist'),
+    (['images', '--save-video', '\udcff.mp4'], 'is not UTF-8'),
     (['images', '--model', 'model.onnx', '--classes', 'plane'], "not ['plane']: name those that are drones")])
 def test_what_cannot_be_used_is_said_in_one_line(folder, capsys, monkeypatch, options, reason):
     monkeypatch.chdir(folder)

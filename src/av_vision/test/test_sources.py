@@ -1,6 +1,7 @@
 """Files as cameras, and devices that vanish."""
 
 import base64
+import os
 import re
 import struct
 import time
@@ -405,6 +406,17 @@ def test_a_video_may_have_any_name(tmp_path, video, monkeypatch, name):
     assert len(list(Recording(name).frames())) == 20
     monkeypatch.setenv('HOME', str(tmp_path))
     assert Recording(f'~/{name}').path == tmp_path / name
+
+
+def test_names_that_are_not_utf8_end_no_process(tmp_path, video):
+    """OpenCV 4.13 ends it for a video. Images are read without it."""
+    other = video.rename(tmp_path / os.fsdecode(b'\xff.avi'))
+    with pytest.raises(SourceError, match=r'udcff.avi. is not UTF-8'):
+        Recording(other)
+    cv2.imwrite(str(tmp_path / '0.png'), np.zeros((8, 8), np.uint8))
+    (tmp_path / os.fsdecode(b'\xfe.png')).write_bytes(b'none')
+    recording = Recording(tmp_path)
+    assert len(list(recording.frames())) == 1 and b'?.png' in recording.problem.encode()
 
 
 def test_a_player_waits_for_the_common_beginning_and_joins_in_late(video):

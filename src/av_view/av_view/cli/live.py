@@ -38,7 +38,7 @@ def test_running(rig: Rig, options: argparse.Namespace) -> list[Finding]:
     """
     marker = options.report.with_name('marker.png')
     options.report.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(marker), draw_marker())
+    marker.write_bytes(cv2.imencode('.png', draw_marker())[1].tobytes())
     print(f'show {marker} on a telephone that plays the sound of a drone, or print it', file=sys.stderr)
     rclpy.init()
     node = Node('doctor', namespace=options.namespace)

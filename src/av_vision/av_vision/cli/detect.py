@@ -20,7 +20,7 @@ from av_vision.drawing import draw
 from av_vision.image import AutomaticGain
 from av_vision.models import FILES
 from av_vision.sources import SourceError
-from av_vision.sources.files import Frame, Recording
+from av_vision.sources.files import Frame, Recording, name_for_opencv
 from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detections, Detector, DetectorSettings
@@ -33,15 +33,15 @@ class VideoWriter:
     """A video file of the size of the first frame, to which others are scaled; raises SourceError when it cannot be written."""
 
     def __init__(self, path: Path, rate: float) -> None:
-        self._path, self._rate = path.expanduser().absolute(), rate    # FFmpeg takes `a:b.mp4` for a protocol
+        self._name, self._rate = name_for_opencv(path.expanduser().absolute()), rate    # FFmpeg takes `a:b.mp4` for a protocol
         self._video: cv2.VideoWriter | None = None
 
     def write(self, image: NDArray) -> None:
         """Append a BGR frame."""
         if self._video is None:
-            self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*'mp4v'), self._rate, image.shape[1::-1])
+            self._video = cv2.VideoWriter(self._name, cv2.VideoWriter.fourcc(*'mp4v'), self._rate, image.shape[1::-1])
             if not self._video.isOpened():
-                raise SourceError(f'{self._path} cannot be written as a video')
+                raise SourceError(f'{self._name} cannot be written as a video')
             self._size = image.shape[:2]
         # OpenCV silently skips frames of another size.
         self._video.write(image if image.shape[:2] == self._size else letterbox(image, *self._size)[0])

@@ -51,6 +51,15 @@ def read_image(path: Path) -> NDArray:
     return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
 
 
+def name_for_opencv(path: Path) -> str:
+    """The path for OpenCV, which ends the process for one that is not UTF-8: for that SourceError is raised."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise SourceError(f'{str(path)!a} is not UTF-8, as OpenCV needs it: rename the file') from error
+    return str(path)
+
+
 def image_files(folder: Path) -> list[Path]:
     """The images in a folder, numbers in their names counted: 2 before 10. Raises SourceError when there are none.
 
@@ -128,7 +137,8 @@ class Recording:
         still = (f'all {self._alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is one, '
                  f'{CONVERT} -i IN -vf bwdif OUT.mp4') if self._alike >= ALIKE else ''
         found = [text for text in (left_out, still, self._shortened, self._cut) if text]
-        return f'{self.path}: {"; ".join(found)}' if found else ''
+        text = f'{self.path}: {"; ".join(found)}' if found else ''
+        return text.encode(errors='replace').decode()    # names of files need not be UTF-8, messages must
 
     def frames(self, wanted: Callable[[float], bool] = lambda time: True) -> Iterator[Frame]:
         """Frames in order; those for whose time (s) `wanted` is false are not decoded. Raises SourceError."""
@@ -194,7 +204,7 @@ class Recording:
             check_file(self.path)  # OpenCV would wait for a pipe
         except OSError as error:
             raise SourceError(str(error)) from error
-        video = cv2.VideoCapture(str(self.path))
+        video = cv2.VideoCapture(name_for_opencv(self.path))
         if not video.isOpened():
             raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
         kind = (int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF).to_bytes(4, 'little')
