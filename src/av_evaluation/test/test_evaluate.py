@@ -90,7 +90,7 @@ def test_inputs_are_found_in_folders_and_faults_are_named(tmp_path):
     (tmp_path / 'all' / 'more' / 'mine.yaml').write_text('')
     (tmp_path / 'all' / 'more' / 'cut.mcap').write_bytes(b'')
     assert is_bag(tmp_path / 'all' / 'one') and not is_bag(tmp_path / 'all')
-    found = [name.split('all/')[-1] for name in find_inputs([str(tmp_path / 'all')])]
+    found = [name.split('all/')[-1] for name in find_inputs([str(tmp_path / 'all'), str(tmp_path / 'all' / 'one')])]
     assert found == ['more/cut.mcap', 'more/mine.yaml', 'one']
     (tmp_path / 'all' / 'notes').mkdir()
     (tmp_path / 'empty').mkdir()

@@ -90,7 +90,7 @@ def is_bag(path: Path) -> bool:
 
 
 def find_inputs(inputs: list[str]) -> list[str]:
-    """Scenarios and bags that the inputs name, with those in folders and their subfolders.
+    """Scenarios and bags that the inputs name, each once, with those in folders and their subfolders.
 
     Raises FileNotFoundError for a bag that does not exist, ValueError for a folder without inputs, ConfigError (a ValueError)
     for an unknown scenario.
@@ -109,7 +109,7 @@ def find_inputs(inputs: list[str]) -> list[str]:
             if not is_bag(path):
                 find_config(name, 'scenarios')
             found.append(name)
-    return found
+    return list(dict.fromkeys(found))
 
 
 def _search(folder: Path) -> list[str]:
