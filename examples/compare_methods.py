@@ -29,7 +29,7 @@ for ratio in ratios:
         sound += sound.std() * 10.0 ** (-ratio / 20.0) * random.standard_normal(sound.shape)
         for method in errors:
             for estimate in Localizer(array, rate, LocalizerSettings(method=method)).process(0.05 * sound / sound.std(), 0):
-                errors[method][ratio].append(np.abs(wrap(estimate.azimuth - azimuth)).min())
+                errors[method][ratio].append(np.abs(wrap(estimate.azimuth - azimuth)).min(initial=np.pi))
 
 figure, axes = plt.subplots(figsize=(6.4, 3.2), layout='constrained')
 for method, found in errors.items():

@@ -14,6 +14,7 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else 'results/examples')
 file = Path(sys.argv[2]) if len(sys.argv) > 2 else folder / 'scene.mp4'
 if not file.exists():
     sys.exit(f'{file} does not exist: name a video, or run examples/render_scene.py first')
+folder.mkdir(parents=True, exist_ok=True)
 video = cv2.VideoCapture(str(file))
 rate = video.get(cv2.CAP_PROP_FPS) or 30.0
 
@@ -31,4 +32,6 @@ while True:
         drawn = draw(image, detections, tracks)
     number += 1
 print(f'{number} images')
+if drawn is None:
+    sys.exit(f'{file}: no image can be read')
 cv2.imwrite(str(folder / 'detect_video.png'), cv2.resize(drawn, (480, 360), interpolation=cv2.INTER_AREA))

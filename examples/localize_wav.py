@@ -17,6 +17,7 @@ file = Path(sys.argv[2]) if len(sys.argv) > 2 else folder / 'scene.wav'
 array = MicrophoneArray.load(sys.argv[3] if len(sys.argv) > 3 else 'config/arrays/two_microphones.yaml')
 if not file.exists():
     sys.exit(f'{file} does not exist: name a sound file, or run examples/render_scene.py first')
+folder.mkdir(parents=True, exist_ok=True)
 
 samples, rate = read_sound(file)
 estimates = Localizer(array, rate, LocalizerSettings(hop_s=0.05)).process(samples, 0)

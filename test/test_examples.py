@@ -9,7 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 from rclpy.serialization import serialize_message
 
 from av_bags.writer import BagWriter
@@ -95,6 +97,11 @@ def test_a_bag_is_read(folder):
             writer.write('/rig/target/bearing', int(1e9 + 1e8 * k), serialize_message(message))
     text = run('read_bag', folder, folder / 'some.mcap')
     assert '20 messages  av_interfaces/msg/Bearing' in text and '100 % of 20 messages' in text
+
+
+def test_a_folder_is_made_for_results(tmp_path):
+    soundfile.write(tmp_path / 'noise.wav', 0.1 * np.random.default_rng(1).normal(size=(48_000, 2)), 48_000)
+    assert 'confidence' in run('localize_wav', tmp_path / 'new', tmp_path / 'noise.wav')
 
 
 def test_methods_are_compared(folder):
