@@ -74,6 +74,8 @@ class BridgeNode(RigNode):
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""
+        for receiver in self._receivers.values():
+            receiver.end()    # all together: each takes up to 0.2 s
         self._opened.close()
 
     def _check_addresses(self) -> None:

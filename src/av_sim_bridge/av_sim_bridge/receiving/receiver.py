@@ -88,9 +88,13 @@ class Receiver:
         """Send a datagram from this port. Raises OSError."""
         self._socket.sendto(datagram, address)
 
+    def end(self) -> None:
+        """Let the thread end soon, without waiting for it."""
+        self._stopping = True
+
     def stop(self) -> None:
         """End the thread and close the socket."""
-        self._stopping = True
+        self.end()
         self._thread.join()
         self._socket.close()
 
