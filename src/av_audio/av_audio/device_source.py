@@ -6,6 +6,7 @@ import os
 import select
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -97,14 +98,15 @@ class DeviceSource:
         return 1e6 * (self.clock.offset - offset) / max(self._next_sample / self.sample_rate - since, 1.0)
 
     def _open(self) -> subprocess.Popen:
-        process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                   bufsize=0)
-        if self._read(process, len(READY), OPEN_WITHIN_S) == READY:
-            return process
-        process.kill()
-        _, words = process.communicate()
-        # ALSA prints warnings of its own; the reason is the last line
-        reason = words.decode(errors='replace').strip().splitlines() or ['the device does not answer']
+        with tempfile.TemporaryFile() as words:  # a pipe that nobody reads would stop the process once ALSA has filled it
+            process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=words, bufsize=0)
+            if self._read(process, len(READY), OPEN_WITHIN_S) == READY:
+                return process
+            process.kill()
+            process.communicate()
+            words.seek(0)
+            # ALSA prints warnings of its own; the reason is the last line
+            reason = words.read().decode(errors='replace').strip().splitlines() or ['the device does not answer']
         raise ValueError(reason[-1])
 
     def _run(self) -> None:

@@ -1,5 +1,7 @@
 """What DeviceSource makes of the blocks of its capturing process, with a clock that is known."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,18 @@ def test_a_device_is_opened_again_after_there_was_no_memory_for_it(monkeypatch):
     monkeypatch.setattr(source, '_end_process', lambda: None)
     source._reopen()
     assert source.reopened == 1
+
+
+def test_warnings_of_drivers_without_end_do_not_stop_the_capture(monkeypatch):
+    monkeypatch.setattr(device_source, 'OPEN_WITHIN_S', 20.0)
+    source = DeviceSource('', RATE)
+    program = 'import sys; sys.stderr.write(200_000 * "w" + "\\nno card"); sys.stderr.flush(); {}'
+    source._command = [sys.executable, '-c', program.format('print("ready", flush=True)')]
+    source._process = source._open()
+    source._end_process()
+    source._command = [sys.executable, '-c', program.format('sys.exit(1)')]
+    with pytest.raises(ValueError, match='^no card$'):
+        source._open()
 
 
 def test_an_overflow_that_lost_nothing_leaves_no_gap():
