@@ -95,8 +95,6 @@ class HypothesisFilter:
 
     def keep(self, indices: Sequence[int]) -> None:
         """Keep some targets, in the order in which they are."""
-        if len(indices) == self.count:
-            return
         chosen = np.array(indices, int)
         self.mean, self.covariance, self.modes = self.mean[chosen], self.covariance[chosen], self.modes[chosen]
 

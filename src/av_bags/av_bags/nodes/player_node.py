@@ -39,7 +39,7 @@ SETTLE_S = 0.5
 PAUSE_STEP_S = 0.05  # between looks for the end of a pause
 WAIT_S = 30.0  # for the nodes of wait_for
 CLOCK_HZ = 100.0  # of /clock
-SECOND = camera_topics(CAMERAS[1:], *names.OF_CAMERA)
+OF_FURTHER_CAMERAS = camera_topics(CAMERAS[1:], *names.OF_CAMERA)
 
 
 class PlayerNode(RigNode):
@@ -71,7 +71,7 @@ class PlayerNode(RigNode):
         settings, bag = self._settings, Bag(path)
         found = self._find(bag)
         for name, reason in found.missing.items():
-            if name in found.unused or name not in SECOND:  # most rigs have one camera
+            if name in found.unused or name not in OF_FURTHER_CAMERAS:  # most rigs have one camera
                 self.get_logger().info(reason)
         self._stop = position + settings.duration if settings.duration else math.inf
         self._static_topic = found.topics.pop(names.FRAMES, None)
