@@ -24,10 +24,9 @@ BLOCK = 3  # clips whose numbers follow each other may be of one place: they are
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording: its kind, its name, its fold (1 to FOLDS), and its mono samples (n,) at RATE."""
+    """One recording: its kind, its fold (1 to FOLDS), and its mono samples (n,) at RATE."""
 
     kind: str
-    name: str
     fold: int
     samples: NDArray[np.float32]
 
@@ -41,7 +40,7 @@ def recordings(clips: Path) -> Iterator[Recording]:
     """All clips of a folder, all of Svanstrom's or a part (`../shared/data/drone_detection/audio`)."""
     for path in sorted(path for path in clips.iterdir() if path.suffix in ('.flac', '.wav')):
         kind, number = path.stem.split('_')
-        yield Recording(KINDS[kind], path.stem, 1 + int(number) // BLOCK % FOLDS, mono(path))
+        yield Recording(KINDS[kind], 1 + int(number) // BLOCK % FOLDS, mono(path))
 
 
 def esc10(folder: Path) -> Iterator[Recording]:
@@ -49,7 +48,7 @@ def esc10(folder: Path) -> Iterator[Recording]:
     for path in sorted(folder.glob('*-*-*-*.wav')):
         if (number := int(path.stem.rsplit('-', 1)[1])) in ESC10:
             kind, fold = ESC10[number]
-            yield Recording(kind, path.stem, fold, mono(path))
+            yield Recording(kind, fold, mono(path))
 
 
 def mono(path: Path) -> NDArray[np.float32]:

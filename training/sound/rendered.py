@@ -25,10 +25,10 @@ def recordings(rng: np.random.Generator, counts: dict[str, int]) -> Iterator[Rec
     """
     for kind, render in (('rendered drone', multirotor), ('aeroplane drone', aeroplane)):
         for number in range(counts['drone']):
-            yield Recording(kind, f'{kind} {number}', 1 + number % FOLDS, render(rng).astype(np.float32))
+            yield Recording(kind, 1 + number % FOLDS, render(rng).astype(np.float32))
     for kind, (render, fold) in KINDS.items():
-        for number in range(counts.get(kind, counts['other'])):
-            yield Recording(kind, f'{kind} {number}', fold, render(rng).astype(np.float32))
+        for _ in range(counts.get(kind, counts['other'])):
+            yield Recording(kind, fold, render(rng).astype(np.float32))
 
 
 def multirotor(rng: np.random.Generator) -> Samples:

@@ -54,7 +54,6 @@ class Calibration:
         nominal: distance of the microphones before, in m.
         axis_offset (rad): rotation of the axis, counter-clockwise.
         angles (n,) (rad): true angles to the fitted axis.
-        paths (n,) (m): measured path differences.
         residuals (n,) (rad): errors of the angle to the axis.
         outliers (n,): which estimates contradict the fit.
         left_out (n,) (rad): errors of the angle by curves that were fitted to other places.
@@ -65,7 +64,6 @@ class Calibration:
     nominal: float
     axis_offset: float
     angles: NDArray
-    paths: NDArray
     residuals: NDArray
     outliers: NDArray[np.bool_]
     left_out: NDArray
@@ -145,7 +143,7 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
     fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
     known = relative if array.delay_curve is None else array.delay_curve.true_cosine(relative)
     before = np.arccos(np.clip(known, -1.0, 1.0)) - np.abs(wrap(azimuths - axis))
-    return Calibration(fitted, array.aperture, offset, angles, paths, _heard(coefficients, relative) - angles, outliers,
+    return Calibration(fitted, array.aperture, offset, angles, _heard(coefficients, relative) - angles, outliers,
                        _left_out(azimuths - axis, relative), before)
 
 

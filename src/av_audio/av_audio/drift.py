@@ -35,14 +35,12 @@ class Drift:
     """Motion of q within a window, and its effect on an estimate from the whole window.
 
     Parameters:
-        rate (rank,) (1/s): expected rate of q at the centre of the window.
         shift (rank,): expected q of the whole window less that at its centre.
         covariance (rank, rank): its covariance.
         steadier: variance of q if the motion is taken into account over that if it is not, at most 1.
         moves: probability that anything moves.
     """
 
-    rate: NDArray
     shift: NDArray
     covariance: NDArray
     steadier: float
@@ -196,15 +194,14 @@ class DriftEstimator:
         shift = -fit.motion[0]
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
         steadier = 1.0 - moves * max(0.0, 1.0 - fit.variance / rest.variance)
-        return Drift(moves * fit.motion[1], moves * shift, moves * spread, steadier, moves)
+        return Drift(moves * shift, moves * spread, steadier, moves)
 
     def _unknown(self, rest: Fit, rank: int) -> Drift:
         """The drift of a window in which no motion can be found: probably at rest, else with any motion of the prior."""
         lever = np.zeros((rank, 2 * rank))
         if is_positive(rest.hessian[:rank, :rank]):
             lever = np.linalg.solve(rest.hessian[:rank, :rank], rest.hessian[:rank, rank:])
-        return Drift(np.zeros(rank), np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0,
-                     PRIOR_MOVES)
+        return Drift(np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0, PRIOR_MOVES)
 
 
 def square_speed(q: NDArray, rate: NDArray) -> float:
