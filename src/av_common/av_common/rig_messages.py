@@ -33,14 +33,13 @@ def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
                       for camera in cameras]
 
 
-def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:
+def gimbal_transform(gimbal: GimbalMount, state: GimbalState) -> TransformStamped:
     """The transform from the body to the gimbal's frame, which has turned on its mount.
 
     Parameters:
-        rig: the description of a rig with a gimbal.
-        state: the gimbal's orientation.
+        gimbal: its description.
+        state: its orientation.
     """
-    gimbal = rig.gimbal or GimbalMount()
     return TransformStamped(
         header=Header(stamp=state.header.stamp, frame_id=BASE_FRAME), child_frame_id=gimbal.frame,
         transform=Transform(translation=vector_message(gimbal.mount.position), rotation=state.orientation))

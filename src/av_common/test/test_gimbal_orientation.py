@@ -70,7 +70,7 @@ def test_the_camera_stands_on_the_gimbal():
     array, camera, _ = static_transforms(RIG, Time(sec=5))
     assert (array.header.frame_id, camera.header.frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     turned = gimbal_to_body(RIG.gimbal, 0.3, 0.1)
-    moving = gimbal_transform(RIG, gimbal_message('gimbal_link', 7.5, mat2quat(turned), 0.01, True))
+    moving = gimbal_transform(RIG.gimbal, gimbal_message('gimbal_link', 7.5, mat2quat(turned), 0.01, True))
     assert (moving.header.frame_id, moving.child_frame_id) == (BASE_FRAME, RIG.gimbal.frame)
     assert np.allclose(quat2mat(attitude_of(moving.transform.rotation)), turned)
 

@@ -103,12 +103,10 @@ class PointingSettings:
         pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
         response: expected answer of the vehicle to yaw rates, from which its estimate starts; by default that of PX4.
         coast (s): time after the newest measurement's arrival for which the gimbal follows a prediction.
-        on_stale: reaction of the gimbal to a stale bearing: 'hold' stops it, 'neutral' returns it to 0.
+        neutral: whether the gimbal returns to 0 while the bearing is stale; else it stops.
         move_gimbal, move_body: whether gimbal and body are commanded.
         stabilized: whether the gimbal stays level, and is commanded in `base_stabilized`.
         body_follows_at (rad): pan from which the body follows a moving gimbal.
-
-    Raises ValueError for another `on_stale`.
     """
 
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
@@ -116,15 +114,11 @@ class PointingSettings:
     yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(900)))
     response: Response = field(default_factory=Response)
     coast: float = 2.0
-    on_stale: str = 'hold'
+    neutral: bool = False
     move_gimbal: bool = True
     move_body: bool = True
     stabilized: bool = False
     body_follows_at: float = math.radians(30.0)
-
-    def __post_init__(self) -> None:
-        if self.on_stale not in ('hold', 'neutral'):
-            raise ValueError(f"on_stale is {self.on_stale!r}, expected 'hold' or 'neutral'")
 
 
 class PointingController:
@@ -215,7 +209,7 @@ class PointingController:
             mode, reason = Mode.LOOK, self._look(time, dt, cue)
         elif track is None or mode == Mode.HOLD:
             self.body.stop(dt)
-            self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and stale != '')
+            self.gimbal.hold(dt, neutral=settings.neutral and stale != '')
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
             self.body.turn(time, dt, aim, DEAD_BAND, left, SEARCH_RATE)

@@ -68,7 +68,7 @@ class GimbalStage:
         if rig.gimbal is None:
             raise ValueError('the rig has no gimbal')
         self.history = GimbalHistory()
-        self._rig, self._gimbal, self._joints = rig, rig.gimbal, joints
+        self._gimbal, self._joints = rig.gimbal, joints
         self._model, self._use_model = GimbalModel(rig.gimbal), use_model
         self._attitude, self._posed = LEVEL, -math.inf  # of the newest odometry, and its stamp
         self._modelled = -math.inf
@@ -88,7 +88,7 @@ class GimbalStage:
             self._measured_once = True
             attitude = self._attitude_at(sample.time) or LEVEL
             self._model.correct(sample.time, *pan_and_tilt(self._gimbal, sample.rotation, attitude))
-        return gimbal_transform(self._rig, message)
+        return gimbal_transform(self._gimbal, message)
 
     def on_joints(self, message: JointState, arrival: float) -> GimbalState | None:
         """The orientation that the joints' positions give; None for the joints of something else. Raises ValueError.

@@ -27,7 +27,7 @@ def pointing_settings(p: Any, gimbal: GimbalMount | None = None) -> PointingSett
                          f'would never follow; expected less than {reach:g}')
     return with_gimbal(PointingSettings(
         yaw=AxisLimits(math.radians(p.yaw_rate_deg), math.radians(p.yaw_acceleration_deg)),
-        coast=p.coast, on_stale=p.on_stale, move_gimbal=p.move_gimbal, move_body=p.move_body,
+        coast=p.coast, neutral=p.on_stale == 'neutral', move_gimbal=p.move_gimbal, move_body=p.move_body,
         body_follows_at=math.radians(p.body_follows_at_deg)), gimbal)
 
 

@@ -150,7 +150,7 @@ def test_searches_only_while_front_and_back_are_open():
 
 def test_neutral_on_stale_brings_the_gimbal_back():
     """`on_stale` neutral returns pan and tilt to 0."""
-    controller = PointingController(PointingSettings(on_stale='neutral', move_body=False))
+    controller = PointingController(PointingSettings(neutral=True, move_body=False))
     track = Track(0.0, State.VISUAL_ACTIVE, azimuth=1.0, elevation=0.4, elevation_variance=0.01)
     for k in range(100):
         command = controller.step(0.02 * k, track._replace(time=0.02 * k), FRESH)
