@@ -117,10 +117,10 @@ class NetworkStage:
         if rig not in self._positions:
             statistics.unplaced += 1
             return
+        report = report_of(message, rig, self._positions[rig], place.heading)
         statistics.newest = max(stamp, statistics.newest)
         self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
-        report = report_of(message, rig, self._positions[rig], place.heading)
-        self.queue.put(report, self.tracker.corrected_time(self.tracker.rigs[rig], report.time))
+        self.queue.put(report, self.tracker.corrected_time(index, stamp))
 
     def on_fix(self, rig: str, message: NavSatFix) -> None:
         """Take a rig's position by satellites. Raises ValueError for one without a fix, or that is not on the globe.
