@@ -80,7 +80,7 @@ class NetworkNode(RigNode):
                                                                 for topic in self._topics.values()}
         for topic, types in self.get_topic_names_and_types():
             name = topic.removeprefix(begin).removesuffix(REPORT)
-            if (topic != f'{begin}{name}{REPORT}' or topic in known or types != [REPORT_TYPE] or name in self._topics
+            if (topic != f'{begin}{name}{REPORT}' or topic in known or REPORT_TYPE not in types or name in self._topics
                     or len(self._topics) >= MOST_RIGS or not self.count_publishers(topic)):
                 continue
             source = self.settings.pose_sources[0]

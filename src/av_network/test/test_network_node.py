@@ -1,0 +1,39 @@
+"""Rigs that join a running node."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import rclpy
+from std_msgs.msg import Header, String
+
+from av_common.node import Executor
+from av_common.qos import STREAM
+from av_common.stamps import to_stamp
+from av_interfaces.msg import RigReport
+from av_network.nodes.network_node import NetworkNode
+
+pytestmark = pytest.mark.system
+LONG_S = 30.0
+
+
+def test_a_rig_joins_whatever_else_is_published_under_its_name():
+    """Others cannot keep it out by messages of another type."""
+    rclpy.init(args=['--ros-args', '-p', 'join:=true', '-p', 'pose_sources:=[odometry]'])
+    node, rig, executor = NetworkNode(), rclpy.create_node('rig', namespace='left'), Executor()
+    try:
+        rig.create_publisher(String, 'network/report', STREAM)
+        reports = rig.create_publisher(RigReport, 'network/report', STREAM)
+        for each in (node, rig):
+            executor.add_node(each)
+        end = time.monotonic() + LONG_S
+        while not (node.is_active and any(each.size for each in node._stage.statistics.values())):
+            assert time.monotonic() < end, 'it did not join'
+            reports.publish(RigReport(version=RigReport.VERSION, header=Header(stamp=to_stamp(node.now()))))
+            executor.spin_once(timeout_sec=0.05)
+    finally:
+        node.close()
+        for each in (node, rig):
+            each.destroy_node()
+        rclpy.try_shutdown()
