@@ -21,7 +21,7 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import State, Track
+from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
@@ -48,6 +48,7 @@ MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_WRONG = 0.2  # probability that a cue concerns another target
 RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, whose commands have the same rate
+PERIOD_S = 1.0 / RATE_HZ
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
 VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
@@ -114,7 +115,7 @@ class FusionObserver(Protocol):
 class FusionStage:
     """Feeds a tracker from messages and reports its track.
 
-    Each usable direction of arrival or image gives an output immediately; without them `on_time` gives `rate` outputs a second.
+    Each usable direction of arrival or image gives an output immediately; without them `on_time` gives one each PERIOD_S.
     Times are in s of one clock. Arrivals must not decrease, except for a step of the clock: then all but ids and what was
     learned of the array begins anew, since silence could not be told by stamps that are still to come.
 
@@ -141,7 +142,6 @@ class FusionStage:
         self._cameras = {camera_topic(camera, DETECTIONS): camera for camera in cameras}  # by the topic of their detections
         self.gate = InputGate((DOA, *self._cameras, ODOMETRY), CLOCK_TOLERANCE_S)
         self._observer = observer
-        self._period = 1.0 / RATE_HZ
         self._visibilities: dict[str, Seen] = {}  # by camera
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
@@ -256,19 +256,19 @@ class FusionStage:
     @property
     def due(self) -> float:
         """When the next output is due if no measurement arrives before."""
-        return self._last_output + self._period
+        return self._last_output + PERIOD_S
 
     def on_time(self, now: float) -> FusionOutput | None:
         """The periodic output, None before it is due."""
         self._follow_clock(now)
         used = self._use_waiting(now)
-        waiting = self._last_output <= now < self.due - 0.1 * self._period  # timers are not exact
+        waiting = self._last_output <= now < self.due - 0.1 * PERIOD_S  # timers are not exact
         return used if waiting else self._output(now)
 
     def outputs_until(self, now: float) -> Iterator[FusionOutput]:
         """The periodic outputs that are due until `now`, each at its own time; for replay, which has no timer."""
         if now - self._last_output > LONGEST_SILENCE_S:
-            self._last_output = now - self._period
+            self._last_output = now - PERIOD_S
         while self.due <= now:
             yield self._output(self.due)
 
@@ -317,17 +317,14 @@ class FusionStage:
         used = False
         for name, waiting in self._waiting.items():
             while waiting:
-                message, arrival = waiting[0]
+                message, arrival = waiting.popleft()  # whatever it raises, it is not tried again
                 try:
                     used = self._use(name, message, arrival) or used
                 except NotYetKnownError:
                     if arrival <= now < arrival + TRANSFORM_WAIT_S:
+                        waiting.appendleft((message, arrival))
                         break
                     self.untransformed += 1
-                except ValueError:
-                    waiting.popleft()
-                    raise
-                waiting.popleft()
         return self._output(now) if used else None
 
     def _use(self, name: str, message: Any, arrival: float) -> bool:
@@ -370,7 +367,7 @@ class FusionStage:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
             track, targets = as_predictions(track, targets, reason)
-        elif self.consistency is not None and self._stop_at_faults and track.state != State.NONE:
+        elif self.consistency is not None and self._stop_at_faults:
             belief = self.consistency.belief
             track = belief.of(track)
             targets = targets._replace(targets=tuple([one._replace(track=belief.of(one.track)) for one in targets.targets]))

@@ -16,6 +16,7 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_common.rig import CAMERAS, ArrayMount, Rig
 from av_common.stamps import to_seconds, to_stamp
+from av_fusion.consistency.events import Fault
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.nodes.fusion_node import FusionNode
 from av_fusion.stage import make_fusion_stage
@@ -465,3 +466,38 @@ def test_parameters_that_exclude_everything_are_refused_by_name(values, named):
     with pytest.raises(ValueError, match=named):
         FusionNode.check_parameters(node_parameters('av_fusion', 'fusion_node', overrides=values))
     FusionNode.check_parameters(node_parameters('av_fusion', 'fusion_node'))
+
+
+class Failing(Recorder):
+    """An observer that fails once."""
+
+    def on_camera(self, measurement, message, arrival):
+        super().on_camera(measurement, message, arrival)
+        if len(self.camera) == 1:
+            raise OSError('no space left')
+
+
+def test_a_message_that_fails_is_not_tried_again():
+    """What comes later is used, and outputs go on."""
+    observer = Failing()
+    stage = make_stage(observer)
+    stage.on_camera_info(camera_info())
+    with pytest.raises(OSError, match='no space'):
+        stage.on_detections(detections(START, (100.0, 0.9, 'drone')), START)
+    assert stage.on_time(START + 0.1) is not None and len(observer.camera) == 1
+    assert stage.on_detections(detections(START + 0.1, (100.0, 0.9, 'drone')), START + 0.15) is not None
+
+
+def test_of_a_rig_that_is_not_as_described_targets_that_are_not_followed_are_uncertain_too():
+    """Other rigs use them."""
+    stage, resolved = make_stage(), []
+    for k in range(40):
+        now, fault = START + 0.1 * k, Fault('the microphones are exchanged', 'mend', 1.0, True) if k == 39 else None
+        stage.consistency.advance = lambda _, fault=fault: fault
+        message = doa(now, 0.2)
+        message.axis, message.hypotheses = Vector3(), message.hypotheses[:1]
+        message.hypotheses[0].drone_probability, message.hypotheses[0].cosine = 0.01, math.nan
+        output = stage.on_doa(message, now)
+        resolved += [one.resolved for one in output.targets.tracks]
+    assert output.bearing.state == Bearing.STATE_NONE and len(output.targets.tracks) == 1
+    assert resolved[-2:] == [True, False] and output.targets.tracks[0].source == 0
