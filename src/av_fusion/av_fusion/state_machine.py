@@ -74,7 +74,7 @@ class StateMachine:
         recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
         if not tracked:
             wanted = State.NONE
-        elif recent_image and self.sight_confidence >= self.tau:
+        elif recent_image and self.sight_confidence > 0.0 and self.sight_confidence >= self.tau:  # tau may be 0
             wanted = State.VISUAL_ACTIVE
         else:
             recent_doa = time - (self._newest_doa if heard is None else heard) <= SOUND_TIMEOUT_S

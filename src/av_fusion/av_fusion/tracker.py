@@ -86,6 +86,7 @@ class MultiTargetTracker:
                                                 self.settings.filter.sound_floor_sigma, self.motion)
         self._confirm = self.settings.confirm_threshold
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
+        self._wanted = 0  # by a person: that is not waited for
         self.reset()
 
     @property
@@ -152,9 +153,12 @@ class MultiTargetTracker:
     def estimate(self, time: float) -> Track:
         """See `PlainTracker`: the followed target. The filter itself is not moved."""
         silent = abs(time - self.filter.newest) >= MAX_GAP_S
+        if time - self._image.time >= MAX_GAP_S:  # a camera that has stopped tells nothing of what is seen now
+            self._image = NO_CAMERA
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
         found = [target for track in tracks.values() if (target := self._target(time, track)) is not None]
-        known = [target for target in found if len(found) < 2 or self._is_judged(time, target, tracks)]
+        known = [target for target in found
+                 if len(found) < 2 or target.id == self._wanted or self._is_judged(time, target, tracks)]
         chosen = self._selection.choose(known)
         self._targets = Targets(time, tuple(found), chosen)
         followed = next((target for target in found if target.id == chosen), None)
@@ -198,6 +202,7 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         if identifier and all(target.id != identifier for target in self._targets.targets):
             raise ValueError(f'target {identifier} is not tracked')
+        self._wanted = identifier
         self._selection.want(identifier)
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
@@ -277,6 +282,7 @@ def _why_not_followed(found: Sequence[Target]) -> str:
         return ''
     sensed = 'seen' if target.track.source & Source.SIGHT else 'heard'
     judged = (f'turns with the rig ({target.on_rig:.2f})' if target.on_rig > 0.5 else
+              'not judged yet' if math.isnan(target.drone_probability) else
               f'judged not a drone ({target.drone_probability:.2f})')
     return f'{sensed} at {math.degrees(target.track.azimuth):+.0f} deg, {judged}'
 

@@ -12,7 +12,7 @@ from av_common.parameters import node_parameters
 from av_common.track import State, Target, Track
 from av_common.track_messages import targets_message
 from av_fusion.identity.selection import Selection
-from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import make_tracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
@@ -164,3 +164,30 @@ def test_parameters_choose_the_tracker():
     values = {'policy': 'closing'}
     tracker = make_tracker(node_parameters('av_fusion', 'fusion_node', overrides=values))
     assert isinstance(tracker, MultiTargetTracker) and tracker.settings.policy == 'closing'
+
+
+def test_who_is_wanted_is_followed_at_once():
+    """Of two that are heard and that nothing judges, the second one is new: by itself it would be waited for."""
+    tracker, wanted = MultiTargetTracker(), 0
+    for step in range(30):
+        time, azimuths = 100.0 + 0.1 * step, (0.3, -1.5)[:1 + (step >= 12)]
+        tracker.add_doas([DoaMeasurement(time, (Hypothesis(azimuth, 1e-3, 0.1, 1e-3),), 0.95, 0.1) for azimuth in azimuths])
+        targets = tracker.targets(tracker.estimate(time))
+        if not wanted and len(targets.targets) == 2:
+            assert targets.selected == 1
+            wanted = targets.targets[1].id
+            tracker.select(wanted)
+        else:
+            assert targets.selected == (wanted or targets.selected)
+    assert wanted
+
+
+def test_that_nothing_is_judged_yet_is_said_so():
+    """Two new targets, of which nothing tells what they are."""
+    tracker, reasons = MultiTargetTracker(), set()
+    for step in range(8):
+        time = 100.0 + 0.1 * step
+        tracker.add_doas([DoaMeasurement(time, (Hypothesis(azimuth, 1e-3, 0.1, 1e-3),), 0.95, 0.1) for azimuth in (0.3, -1.5)])
+        track = tracker.estimate(time)
+        reasons |= {track.reason} if len(tracker.targets(track).targets) == 2 else set()
+    assert len(reasons) == 1 and 'not judged yet' in reasons.pop()

@@ -26,3 +26,13 @@ def test_old_senses_do_not_count():
     assert machine.step(1.6, True) == State.ACOUSTIC_ACTIVE
     assert machine.step(2.1, True) == State.COASTING
     assert machine.step(2.2, False) == State.NONE
+
+
+def test_a_threshold_of_zero_needs_a_detection_all_the_same():
+    """An image that shows nothing has a score of 0: the camera does not lead by it."""
+    machine = StateMachine(0.0)
+    machine.on_image(1.0, 0.0)
+    machine.on_doa(1.0, 0.9)
+    assert machine.step(1.1, True) == State.ACOUSTIC_ACTIVE
+    machine.on_image(1.2, 0.05)
+    assert machine.step(1.2, True) == State.VISUAL_ACTIVE

@@ -21,7 +21,8 @@ from av_fusion.measurement.measurements import (
     usable_doa,
 )
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_fusion.tracks.settings import FilterSettings
 
 TURN_RATE = math.radians(40.0)
 
@@ -302,7 +303,7 @@ def test_a_rotation_that_is_asked_for_does_not_wait_for_a_tilt_and_ends_by_itsel
 
 def test_where_rotations_are_not_enabled_none_can_be_asked_for():
     planner = RotationPlanner(enabled=False)
-    with pytest.raises(ValueError, match='rotation.enabled'):
+    with pytest.raises(ValueError, match='`rotation` is false'):
         planner.ask(10.0)
 
 
@@ -336,3 +337,23 @@ def test_a_higher_threshold_of_confirmation_holds_for_tracks_that_there_are():
             resolved, step = tracker.estimate(t).resolved, step + 1
         began.append(step)
     assert began[0] < began[1]
+
+
+def test_a_late_image_does_not_break_a_target_that_is_surely_detected_where_it_is_in_view():
+    """By a detection probability of 1, and an earlier image that does not show what was just seen."""
+    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(detection_probability=1.0)))
+    for time, azimuth in ((100.0, 0.4), (99.99, -0.55)):
+        tracker.add_camera(CameraMeasurement(time, (Detection(azimuth, 1e-8, 0.9, 0.1, 1e-8),)))
+    tracker.add_camera(CameraMeasurement(100.1, ()))
+    azimuths = [target.track.azimuth for target in tracker.targets(tracker.estimate(100.1)).targets]
+    assert azimuths == pytest.approx([0.4, -0.55], abs=0.02)
+
+
+def test_a_camera_that_has_stopped_tells_nothing_of_what_can_be_seen_now():
+    """Its last visibility does not hold for as long as something is heard."""
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(2)
+    tracker.add_camera(CameraMeasurement(100.0, (), visibility=0.9))
+    for step in range(80):
+        tracker.add_doas([sensors.doa(100.0 + 0.1 * step, 2.0)])
+        visibility = tracker.estimate(100.0 + 0.1 * step).visibility
+        assert visibility == 0.9 if step < 40 else step < 60 or math.isnan(visibility)

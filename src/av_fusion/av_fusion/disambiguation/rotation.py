@@ -110,7 +110,7 @@ class RotationPlanner:
         Before looks, and even while the rig tilts. Raises ValueError while there is no ambiguity, or rotations are not enabled.
         """
         if not self._enabled:
-            raise ValueError('rotation.enabled is false, expected true for rotations to be requested')
+            raise ValueError('no rotations are requested: `rotation` is false, or `method` has none')
         if not self._is_open:
             raise ValueError('a rotation would not help now: front and back are resolved, or nothing is heard')
         self._asked = time

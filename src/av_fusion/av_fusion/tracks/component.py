@@ -31,6 +31,7 @@ MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of t
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 _IDENTITY = np.identity(SIZE)
 NOT_HIDDEN = (0.0, -math.inf)  # at no time
+LEAST_HIDDEN = 1e-6  # probability, so that an image without the target is possible by any settings
 
 
 class BodyDirection(NamedTuple):
@@ -341,7 +342,7 @@ class GaussianComponent:
 
     def p_hidden(self, camera: str) -> float:
         """Probability that the target is hidden from a camera."""
-        return self.hidden.get(camera, NOT_HIDDEN)[0]
+        return max(self.hidden.get(camera, NOT_HIDDEN)[0], LEAST_HIDDEN)
 
     def note_seen(self, camera: str, time: float) -> None:
         """Note that a camera shows the target at a time (s)."""
