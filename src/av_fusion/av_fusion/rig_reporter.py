@@ -41,7 +41,7 @@ class RigReporter:
         self._last = now
         added = {track.id: track.increment() for track in tracks}
         found = [(track, each) for track in targets.tracks if (each := added.get(track.id)) is not None]
-        newest = max((each.time for _, each in found), default=now - OLDEST_S)
+        newest = max((each.time for _, each in found), default=max(now - OLDEST_S, 0.0))
         position = UNKNOWN if motion.position is None else combined(1.0, motion.position, -1.0,
                                                                     motion.moved(newest, motion.newest))
         return RigReport(version=RigReport.VERSION, position=np.array(position, np.float32),

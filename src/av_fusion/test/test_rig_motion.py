@@ -126,3 +126,11 @@ def test_odometry_that_stops_or_freezes_is_noticed():
     for k in range(40, 80):
         motion.add(pose(0.05 * k, tilted, (0.0, 0.0, 0.5)))
     assert not motion.is_known(3.95) and motion.is_frozen
+
+
+def test_positions_beyond_measure_do_not_move_the_rig():
+    """Their differences are not numbers; what comes later counts."""
+    motion = RigMotion()
+    for k, x in enumerate((0.0, 1e308, 1.1e308, 0.0, 0.0, 0.0)):
+        motion.add(Pose(0.02 * k, position=(x, 0.0, 0.0)))
+    assert motion.path(0.1) == (0.0, 0.0, 0.0) and 'position' in motion.problem(0.1)

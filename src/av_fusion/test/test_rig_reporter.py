@@ -127,3 +127,8 @@ def test_what_is_heard_by_two_microphones_is_one_angle():
     (one,) = RigReporter().report(output.targets, stage.tracker.densities(), stage.tracker.motion).directions
     hh, hv, vv = map(float, one.information)
     assert not one.seen and hh > 100.0 and hh * vv - hv**2 < 1e-3 * hh**2
+
+
+def test_a_clock_that_begins_at_zero_gives_reports_at_once():
+    """As that of a simulator: what was measured before it began has no stamp."""
+    assert to_seconds(RigReporter().report(targets(0.1), [], RigMotion()).header.stamp) == 0.0

@@ -170,3 +170,16 @@ def test_a_second_camera_is_aligned_with_the_first(on_gimbal):
     expected = Rotation.from_euler('z', pan) * wrong
     assert np.allclose(direction(seen.detections[0].azimuth, seen.detections[0].elevation), expected.apply(ray), atol=4e-3)
     assert np.allclose(seen.view, expected.as_matrix(), atol=0.02)
+
+
+def test_after_a_step_of_the_clock_back_it_learns_and_forgets_as_before():
+    """An array that was mended meanwhile is known as well as by a clock that went on."""
+    learned = []
+    for later in (1010.0, 10.0):
+        calibration = ArraySelfCalibration()
+        for k in range(200):
+            calibration.compare(1000.0 + 0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3, 1e-4)
+        for k in range(2000):
+            calibration.compare(later + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3, 1e-4)
+        learned.append(float(np.abs(calibration.values).sum()))
+    assert learned[1] == pytest.approx(learned[0], abs=1e-3)

@@ -72,6 +72,8 @@ class SelfCalibration:
             lasting (k,): variances of the errors that persist for SIGHT_CORRELATION_S.
         """
         rows, left = np.array(slopes), np.array(residuals)
+        if time < self._time - SIGHT_CORRELATION_S:  # the clock was set back: nothing was compared on the new one yet
+            self._time = -math.inf
         seconds = min(max(time - self._time, 0.01), SIGHT_CORRELATION_S)
         spread = np.array(variances) + np.array(lasting) * (SIGHT_CORRELATION_S / seconds)
         total = np.add.reduce(rows.dot(self._covariance) * rows, axis=1) + spread

@@ -251,7 +251,8 @@ class CameraMonitor:
         heard = np.array([direction(m.hypotheses[0].azimuth, m.hypotheses[0].elevation) for m in window])
         across, up, level = one.across_variance, min(one.elevation_variance, 1.0), math.cos(one.elevation) ** 2
         covariance = np.diag([across, (1.0 - level) * up + 0.5 * level * up**2]) + SOUND_SIGMA**2 * np.eye(2)
-        bank.hear(SoundEvent(axes, heard @ axes.T, covariance, images, math.asin((pose[0] @ heard[0])[2]), *pose), is_seen)
+        climb = min(max((pose[0] @ heard[0])[2], -1.0), 1.0)  # rounding exceeds 1 at the zenith
+        bank.hear(SoundEvent(axes, heard @ axes.T, covariance, images, math.asin(climb), *pose), is_seen)
 
     def _pass(self, bank: FilterBank, time: float) -> None:
         seconds = min(time - self._time, GAP_S) if math.isfinite(self._time) else 0.0

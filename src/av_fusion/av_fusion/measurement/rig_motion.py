@@ -145,7 +145,7 @@ class RigMotion:
     @staticmethod
     def _is_jump(moved: Vector, expected: Vector, dt: float) -> bool:
         excess = combined(1.0, moved, -1.0, expected)
-        return math.sqrt(dot(excess, excess)) * dt > JUMP_M + ACCELERATION * dt * dt
+        return not math.sqrt(dot(excess, excess)) * dt <= JUMP_M + ACCELERATION * dt * dt  # NaN of differences beyond measure
 
     def _checked(self, pose: Pose, rate: Vector, dt: float) -> tuple[Vector, Rows | None]:
         """Compare the attitude with the rates; a jump turns the history.

@@ -1,0 +1,23 @@
+"""What compares sound and sight with the rig's description."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from av_fusion.consistency.monitor import ConsistencyMonitor
+from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import angles, turned_back
+
+
+def test_what_is_heard_at_the_zenith_is_compared_with_the_description():
+    """Of a tilted rig the vertical part of a direction there may be 1 and a digit."""
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        q, motion = random.normal(size=4) * (1.0, 0.1, 0.1, 1.0), RigMotion()
+        for time in (99.0, 100.0, 101.0):
+            motion.add(Pose(time, tuple((q / np.linalg.norm(q)).tolist())))
+        monitor = ConsistencyMonitor(motion)
+        azimuth, elevation = angles(turned_back(motion.attitude(100.0), (0.0, 0.0, 1.0)))
+        monitor.add_doas([DoaMeasurement(100.0, (Hypothesis(azimuth, 1e-3, elevation, 1e-3),), 0.9, 0.1)])
+        assert monitor.advance(101.0) is None
