@@ -86,3 +86,12 @@ def test_cones_that_cannot_be_are_not_used(cosine, variance):
         hypothesis.cosine, hypothesis.cosine_variance = cosine, variance
     (found,) = doa_in_body(wrong, np.eye(3))
     assert found.cone is None or usable_doa(found) is None
+
+
+def test_directions_without_measure_do_not_stop_the_fusion():
+    """A message may hold thousands; the strongest are used."""
+    sent = message(angles_to_direction(np.linspace(-3.0, 3.0, 5000)), (0.0, 0.0, 0.0))
+    for group, one in enumerate(sent.hypotheses):
+        one.ambiguity_group = group
+    found = doa_in_body(sent, np.eye(3))
+    assert len(found) <= 100 and found[0].hypotheses[0].azimuth == pytest.approx(-3.0, abs=0.01)

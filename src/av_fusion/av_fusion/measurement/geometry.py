@@ -25,6 +25,7 @@ from av_interfaces.msg import Doa, DoaArray
 from av_vision.bearing import bearings_of_boxes
 
 OVERHEAD = 0.95  # vertical part of a direction close to the array's vertical
+MOST_DIRECTIONS = 32  # of a window, the strongest first: eight images of four sources; more are not doa_node's
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
 
 
@@ -46,7 +47,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         raise ValueError(f'axis of length {length:g}, expected a unit vector, or zero without an axis')
     time, axis = to_seconds(message.header.stamp), turned(rows, (message.axis.x, message.axis.y, message.axis.z))
     groups: dict[int, list[Doa]] = {}
-    for hypothesis in message.hypotheses:
+    for hypothesis in message.hypotheses[:MOST_DIRECTIONS]:
         groups.setdefault(hypothesis.ambiguity_group, []).append(hypothesis)
     measurements = []
     for members in groups.values():
