@@ -25,7 +25,7 @@ from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
-from av_fusion.measurement.input_gate import InputGate
+from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.posterior import azimuth_posterior
@@ -50,7 +50,6 @@ CUE_WRONG = 0.2  # probability that a cue concerns another target
 RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, whose commands have the same rate
 PERIOD_S = 1.0 / RATE_HZ
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
-CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
 VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
 TRANSFORM_WAIT_S = 0.15  # how long a measurement waits for the orientation of its sensor at its capture time
 
@@ -140,7 +139,7 @@ class FusionStage:
         self.consistency, self._stop_at_faults = consistency, stop_at_faults
         self.tracker, self.converter = tracker, converter
         self._cameras = {camera_topic(camera, DETECTIONS): camera for camera in cameras}  # by the topic of their detections
-        self.gate = InputGate((DOA, *self._cameras, ODOMETRY), CLOCK_TOLERANCE_S)
+        self.gate = InputGate((DOA, *self._cameras, ODOMETRY))
         self._observer = observer
         self._visibilities: dict[str, Seen] = {}  # by camera
         self._last_output = self._cued = self._now = -math.inf

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_common.angles import wrap
-from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.rig_motion import KEPT_S, Pose, RigMotion
 
 
 def pose(time, rotation, rate=(0.0, 0.0, 0.0), **values):
@@ -57,7 +57,7 @@ def test_without_poses_the_rig_counts_as_level_and_at_rest():
 
 def test_bad_and_late_poses_are_ignored_and_a_restart_is_accepted():
     """NaN, repeated and reordered poses change nothing; a clock that restarts empties the history."""
-    motion = RigMotion(keep_s=5.0)
+    motion = RigMotion()
     motion.add(Pose.level(100.0, 0.5))
     for time, yaw in ((math.nan, 0.0), (101.0, math.inf), (100.0, 2.0), (99.0, 2.0)):
         motion.add(Pose.level(time, yaw) if math.isfinite(yaw) else Pose(time, (math.nan, 0.0, 0.0, 1.0)))
@@ -68,10 +68,10 @@ def test_bad_and_late_poses_are_ignored_and_a_restart_is_accepted():
 
 def test_memory_is_bounded():
     """Hours of poses leave seconds in the history."""
-    motion = RigMotion(keep_s=2.0)
+    motion = RigMotion()
     for k in range(20000):
         motion.add(Pose.level(0.01 * k, 0.0))
-    assert len(motion._poses.entries) <= 2 * 2.0 / 0.01 + 2
+    assert len(motion._poses.entries) <= 2 * KEPT_S / 0.01 + 2
 
 
 @pytest.mark.parametrize('twist', [True, False])

@@ -98,12 +98,12 @@ def test_it_says_when_it_stands_at_its_limit():
 
 def test_it_forgets_towards_the_array_as_described():
     """Long after sight was lost a few comparisons do not hold on to an old error."""
-    self_calibration = ArraySelfCalibration(memory=5.0)
+    self_calibration = ArraySelfCalibration()
     for k in range(200):
         self_calibration.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
     learned = float(np.abs(self_calibration.values).sum())
     for k in range(200):
-        self_calibration.compare(100.0 + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3)
+        self_calibration.compare(100.0 + k, math.cos(1.2), 1.2, 0.0, 1e-3)
     assert float(np.abs(self_calibration.values).sum()) < 0.3 * learned
 
 

@@ -29,8 +29,9 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S
 from av_fusion.settings import make_tracker
-from av_fusion.stage import CLOCK_TOLERANCE_S, FusionStage, make_fusion_stage
+from av_fusion.stage import FusionStage, make_fusion_stage
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
 from av_vision.messages import image_from_message

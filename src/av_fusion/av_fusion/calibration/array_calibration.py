@@ -18,7 +18,7 @@ from operator import mul
 import numpy as np
 
 from av_common.quaternions import quaternion_of, rotation
-from av_fusion.calibration.self_calibration import MEMORY_S, SelfCalibration
+from av_fusion.calibration.self_calibration import SelfCalibration
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
 from av_fusion.measurement.vectors import turned
 
@@ -28,14 +28,10 @@ UNITS = ((math.degrees(1.0), 'deg'), *(((100.0, '%'),) * 4))
 
 
 class ArraySelfCalibration(SelfCalibration):
-    """Estimate of the array's parameters: `compare` updates it, `corrected` applies it.
+    """Estimate of the array's parameters: `compare` updates it, `corrected` applies it."""
 
-    Parameters:
-        memory (s): time constant of forgetting.
-    """
-
-    def __init__(self, memory: float = MEMORY_S) -> None:
-        super().__init__(NAMES, SIGMAS, UNITS, memory)
+    def __init__(self) -> None:
+        super().__init__(NAMES, SIGMAS, UNITS)
 
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:

@@ -30,12 +30,10 @@ class SelfCalibration:
         names: of the parameters.
         sigmas (n,): standard deviations of their prior.
         units: for each a factor to the unit of texts, and its name.
-        memory (s): time constant of forgetting.
     """
 
-    def __init__(self, names: Sequence[str], sigmas: NDArray[np.float64], units: Sequence[tuple[float, str]],
-                 memory: float = MEMORY_S) -> None:
-        self._names, self._usual, self._units, self._memory = names, sigmas, units, memory
+    def __init__(self, names: Sequence[str], sigmas: NDArray[np.float64], units: Sequence[tuple[float, str]]) -> None:
+        self._names, self._usual, self._units = names, sigmas, units
         self._bounds = BOUND * sigmas
         self._prior = np.diag(1.0 / sigmas**2)  # information matrix
         self._gained = np.zeros_like(self._prior)  # information beyond the prior
@@ -80,7 +78,7 @@ class SelfCalibration:
         used = (left - rows.dot(self._values)) ** 2 <= GATE**2 * total
         if not np.logical_or.reduce(used):
             return False
-        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self._memory)
+        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / MEMORY_S)
         self._time = max(self._time, time)
         weighed = rows[used] / spread[used, None]
         self._gained = kept * self._gained + rows[used].T.dot(weighed)

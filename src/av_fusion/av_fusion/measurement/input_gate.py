@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 
 from av_common.freshness import FUTURE_S, SeenStamps
 
+CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
+
 
 class InputGate:
     """Refuses messages of another clock, those that come again, and those of an input that has a second publisher.
@@ -18,12 +20,10 @@ class InputGate:
 
     Parameters:
         names: of the inputs.
-        tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock.
     """
 
-    def __init__(self, names: Iterable[str], tolerance: float) -> None:
+    def __init__(self, names: Iterable[str]) -> None:
         self._arrivals = dict.fromkeys(names, -math.inf)
-        self._tolerance = tolerance
         self._seen = {name: SeenStamps() for name in self._arrivals}
         self.foreign_stamps = dict.fromkeys(self._arrivals, 0)
         self.contested: Mapping[str, list[str]] = {}
@@ -38,7 +38,7 @@ class InputGate:
         """
         is_known = self._seen[name].note(stamp, arrival)
         # A stamp from the future would let the tracker refuse all measurements until then.
-        if not -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S):
+        if not -CLOCK_TOLERANCE_S <= stamp - arrival <= FUTURE_S:
             self.foreign_stamps[name] += 1
             return False
         if is_known or name in self.contested:  # the same capture again is no new information

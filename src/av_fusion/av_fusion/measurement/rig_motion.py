@@ -10,6 +10,7 @@ from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, pr
 from av_common.timeline import Timeline
 from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, turned
 
+KEPT_S = 5.0  # length of the history
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
 LEVELLING_S = 1.0  # time constant with which a tilt that is no longer known returns to level
@@ -75,14 +76,10 @@ class RigMotion:
         jumps: number of jumps.
         newest (s): time of the newest pose, -inf before the first.
         is_frozen: the attitude does not follow its own rates; until it turns again, so that it is so between two turns, too.
-
-    Parameters:
-        keep_s (s): length of the history.
     """
 
-    def __init__(self, keep_s: float = 5.0) -> None:
-        self._keep_s = keep_s
-        self._poses: Timeline[_Stored] = Timeline(keep_s)
+    def __init__(self) -> None:
+        self._poses: Timeline[_Stored] = Timeline(KEPT_S)
         self.jumps = 0
         self.restart()
 
@@ -103,7 +100,7 @@ class RigMotion:
         if not pose.is_plausible:
             return None
         if pose.time <= self.newest:
-            if pose.time > self.newest - self._keep_s:
+            if pose.time > self.newest - KEPT_S:
                 return None
             self._poses.clear()
         norm = math.hypot(*pose.attitude)

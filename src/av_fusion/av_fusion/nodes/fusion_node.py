@@ -24,11 +24,11 @@ from av_common.rig import CAMERAS, camera_topic, camera_topics, load_rig
 from av_common.tf_rotations import TfRotations
 from av_common.track import DRONE
 from av_fusion.calibration.sighting_calibration import AT_LIMIT
+from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
 from av_fusion.stage import (
-    CLOCK_TOLERANCE_S,
     DETECTIONS,
     GIMBAL,
     INFO,

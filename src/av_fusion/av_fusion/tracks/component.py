@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
@@ -109,18 +109,13 @@ class GaussianComponent:
         within = (self.modes @ self.covariances.reshape(len(self.modes), -1)).reshape(SIZE, SIZE)
         return within + (self.modes * self.offsets.T) @ self.offsets
 
-    @property
-    def across_variance(self) -> float:
-        """Variance (rad^2) of the direction across."""
-        return float(self.modes @ (self.covariances[:, 0, 0] + self.offsets[:, 0] ** 2))
-
     def rates(self, velocity: Vector) -> tuple[float, float]:
         """Rates (rad/s) across and up as seen from a rig that moves at `velocity` (m/s, world)."""
         across, up = tangents(self.azimuth, self.elevation)
         return (self.across_rate - self.inverse_range * dot(velocity, across),
                 self.up_rate - self.inverse_range * dot(velocity, up))
 
-    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector = ZERO, turn: Rows = IDENTITY) -> None:
+    def predict(self, dt: float, model: MotionModel, moving: bool, moved: Vector, turn: Rows) -> None:
         """Predict by `dt` s: white angular acceleration, of a density that depends on the mode.
 
         Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
@@ -188,8 +183,7 @@ class GaussianComponent:
         covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
         covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
 
-    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector = ZERO, turn: Rows = IDENTITY
-                  ) -> GaussianComponent:
+    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector, turn: Rows) -> GaussianComponent:
         """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
 
         Parameters:
@@ -343,11 +337,6 @@ class GaussianComponent:
     def p_hidden(self, camera: str) -> float:
         """Probability that the target is hidden from a camera."""
         return max(self.hidden.get(camera, NOT_HIDDEN)[0], LEAST_HIDDEN)
-
-    def note_seen(self, camera: str, time: float) -> None:
-        """Note that a camera shows the target at a time (s)."""
-        p_hidden, newest = self.hidden.get(camera, NOT_HIDDEN)
-        self.hidden = {**self.hidden, camera: (p_hidden, max(newest, time))}
 
     def predict_hidden(self, camera: str, time: float, visibility: float, is_known: bool) -> None:
         """Predict the probability that the target is hidden to the time of an image.

@@ -54,6 +54,8 @@ class MultiBernoulliFilter:
     def reset(self) -> None:
         """Discard all tracks; their ids are not used again."""
         self.tracks: list[Track] = []
+        # By the ids of two tracks: newest time (s) at which they had different measurements in a scan.
+        self._told_apart: dict[tuple[int, int], float] = {}
         self.newest = self.newest_doa = -math.inf
         # Of each camera: the errors of one tell nothing about those of another.
         self._newest_image: defaultdict[str, float] = defaultdict(lambda: -math.inf)
@@ -118,7 +120,8 @@ class MultiBernoulliFilter:
         for j, existence in enumerate((fraction * new).tolist()):
             begun = self._begin(time, heard[j].births, existence, OWN)
             if begun is not None:
-                begun.mixture.note_measured(heard=time)
+                for component in begun.mixture.components:
+                    component.newest_doa = time
                 begun.blade_pass.update(fundamentals[j:j + 1], np.ones(1), fraction)
                 begun.note_kind(Source.SOUND, kinds[j:j + 1], [1.0])
 
@@ -163,7 +166,8 @@ class MultiBernoulliFilter:
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
                 begun = self._begin(time, partial(births_of, [direction], settings), existence)
                 if begun is not None:
-                    begun.mixture.note_measured(seen=time, camera=camera)
+                    for component in begun.mixture.components:
+                        component.newest_sighting, component.hidden = time, {camera: (0.0, time)}
                     begun.score = detection.score
                     begun.note_kind(Source.SIGHT, [detection.score], [clear])
         view_share = measurement.searched * 2.0 * measurement.half_view * UNIFORM_DENSITY
@@ -199,7 +203,7 @@ class MultiBernoulliFilter:
                     if row.size and row.max() >= ASSOCIATED]
         for (one, first), (other, second) in combinations(measured, 2):
             if first != second:
-                one.told_apart[other.id] = other.told_apart[one.id] = one.time
+                self._told_apart[one.id, other.id] = one.time
 
     def _reduce(self, time: float) -> None:
         """End tracks that hardly exist, and merge those that have been one and the same for some time."""
@@ -212,9 +216,12 @@ class MultiBernoulliFilter:
             else:
                 kept[kept.index(other)] = _united(other, track)
         self.tracks = sorted(kept, key=lambda track: track.id)
+        ids = {track.id for track in self.tracks}
+        self._told_apart = {pair: at for pair, at in self._told_apart.items() if ids.issuperset(pair)}
 
     def _are_one(self, first: Track, second: Track, time: float) -> bool:
-        a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)
+        pair = min(first.id, second.id), max(first.id, second.id)
+        a, b, apart = first.mixture.primary(), second.mixture.primary(), self._told_apart.get(pair)
         return (a is not None and b is not None and are_mergeable(a, b)
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
@@ -230,7 +237,7 @@ def _united(one: Track, other: Track) -> Track:
     first.mixture.absent *= second.mixture.absent
     first.mixture.reduce()
     if second.id < first.id:
-        first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+        first.id, first.began = second.id, second.began
     return first
 
 
@@ -242,4 +249,4 @@ def effective_sample_fraction(time: float, newest: float, correlation: float) ->
         newest (s): capture time of the newest earlier measurement.
         correlation (s): correlation time of the errors.
     """
-    return min(1.0, max(abs(time - newest) / correlation, 0.02)) if correlation > 0.0 else 1.0
+    return min(1.0, max(abs(time - newest) / correlation, 0.02))

@@ -43,11 +43,6 @@ def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
     return np.asarray(sum([one.innovations**2 / one.totals for one in deviations]))
 
 
-def nearness(deviations: Sequence[Deviation]) -> float:
-    """Least square of the distance in any mode, to compare alternatives."""
-    return float(distances(deviations).min())
-
-
 class WorldDirection(NamedTuple):
     """A measured direction.
 
@@ -198,7 +193,7 @@ def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64],
 
 
 class DirectionLikelihood(NamedTuple):
-    """Alternative directions; each component is compared with the nearest one.
+    """Alternative directions; each component is compared with the one that is nearest in any mode.
 
     Parameters:
         directions: the directions in the world.
@@ -209,7 +204,7 @@ class DirectionLikelihood(NamedTuple):
     def compare(self, past: PastState) -> Comparison:
         """See `WorldCone`."""
         alternatives = [(direction.deviations(past), direction) for direction in self.directions]
-        deviations, nearest = min(alternatives, key=lambda pair: nearness(pair[0]))
+        deviations, nearest = min(alternatives, key=lambda pair: float(distances(pair[0]).min()))
         return Comparison(deviations, _fits(deviations), nearest)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, dot, offset, tangents
+from av_fusion.measurement.vectors import Rows, Vector, dot, offset, tangents
 from av_fusion.tracks.component import SIZE, GaussianComponent
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
 from av_fusion.tracks.motion import Elevation, MotionModel
@@ -44,7 +44,7 @@ class BirthComponent(NamedTuple):
 
 
 class GaussianMixture:
-    """Gaussian components, whose weights and `absent` sum to one after `reduce`.
+    """Gaussian components, whose weights and `absent` sum to one after `reduce`. It begins with one measurement.
 
     Attributes:
         components: the Gaussians.
@@ -52,38 +52,26 @@ class GaussianMixture:
         absent: probability that there is no such target.
 
     Parameters:
+        births: mirror images of the measurement.
+        existence: probability that there is such a target.
         model: motion of targets.
-        rate_variance (rad^2/s^2): initial variance of the rate of a birth across, and up far from the horizon.
+        rate_variance (rad^2/s^2): initial variance of the rate across, and up far from the horizon.
+        on_rig: probability that it is fixed to the body. Its mirror images are one there, as none ever fits better.
     """
 
-    def __init__(self, model: MotionModel, rate_variance: float) -> None:
-        self.components: list[GaussianComponent] = []
-        self.absent, self.on_rig = 1.0, 0.0
-        self.model, self._rate_variance = model, rate_variance
+    def __init__(self, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
+                 on_rig: float) -> None:
+        self.model, self.absent = model, 1.0 - existence
         self._primary: GaussianComponent | None = None
-
-    @classmethod
-    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
-             on_rig: float = 0.0) -> GaussianMixture:
-        """The density of a target that begins with one measurement.
-
-        Parameters:
-            births: its mirror images.
-            existence: probability that there is such a target.
-            model, rate_variance: see the class.
-            on_rig: probability that it is fixed to the body. Its mirror images are one there, as none ever fits better.
-        """
-        mixture = cls(model, rate_variance)
-        mixture.components = [mixture._component_of(birth, existence * (1.0 - on_rig) * birth.share) for birth in births]
+        self.components = [_component_of(birth, existence * (1.0 - on_rig) * birth.share, model, rate_variance)
+                           for birth in births]
         if on_rig > 0.0:
-            own = mixture._component_of(max(births, key=lambda birth: birth.share), existence * on_rig)
+            own = _component_of(max(births, key=lambda birth: birth.share), existence * on_rig, model, rate_variance)
             own.on_rig = True
-            mixture.components.append(own)
-        mixture.absent = 1.0 - existence
-        mixture.reduce()
-        return mixture
+            self.components.append(own)
+        self.reduce()
 
-    def predict(self, dt: float, moving: bool, kept: float, moved: Vector = ZERO, turn: Rows = IDENTITY) -> None:
+    def predict(self, dt: float, moving: bool, kept: float, moved: Vector, turn: Rows) -> None:
         """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
 
         Parameters:
@@ -102,13 +90,6 @@ class GaussianMixture:
         for axis in axes:
             self.components = [part for component in self.components
                                for part in ([component] if component.on_rig else split(component, axis))]
-
-    def note_measured(self, heard: float = -math.inf, seen: float = -math.inf, camera: str = '') -> None:
-        """Note that all components were measured at these times (s) by sound, or by sight of a camera."""
-        for component in self.components:
-            component.newest_doa, component.newest_sighting = (max(component.newest_doa, heard),
-                                                               max(component.newest_sighting, seen))
-            component.note_seen(camera, seen)
 
     def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """Weigh the components among each other by where others say that a target is.
@@ -137,15 +118,6 @@ class GaussianMixture:
         """Turn all components with the world, where the rig's attitude was corrected."""
         for component in self.components:
             component.turn_world(rows)
-
-    def _component_of(self, birth: BirthComponent, weight: float) -> GaussianComponent:
-        level, model = math.cos(birth.elevation) ** 2, self.model
-        up_rate_variance = level * float(model.shares @ model.climb_rates**2) + (1.0 - level) * self._rate_variance
-        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
-        covariance[0, 1] = covariance[1, 0] = birth.hv
-        return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
-                                 np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
-                                 elevation_measured=birth.elevation_measured, usual=birth.usual or model.elevations[0])
 
     def reduce(self) -> None:
         """Normalise, merge components that agree, and remove those of little weight."""
@@ -205,3 +177,13 @@ class GaussianMixture:
                         math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
             agreeing += component.weight * (apart < AGREEING)
         return agreeing / total
+
+
+def _component_of(birth: BirthComponent, weight: float, model: MotionModel, rate_variance: float) -> GaussianComponent:
+    level = math.cos(birth.elevation) ** 2
+    up_rate_variance = level * float(model.shares @ model.climb_rates**2) + (1.0 - level) * rate_variance
+    covariance = np.diag((birth.hh, birth.vv, rate_variance, up_rate_variance, model.usual_inverse_range**2))
+    covariance[0, 1] = covariance[1, 0] = birth.hv
+    return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
+                             np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
+                             elevation_measured=birth.elevation_measured, usual=birth.usual or model.elevations[0])

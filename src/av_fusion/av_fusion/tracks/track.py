@@ -70,7 +70,6 @@ class Track:
         kind, blade_pass: what it is, and the blade-pass frequency of its sound.
         resolved: whether front and back are resolved, as of the newest estimate.
         score: of the detection that supports it in the newest image, 0 for none.
-        told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
 
     Parameters:
         identifier: see `id`.
@@ -86,10 +85,9 @@ class Track:
         self._settings, self._motion = settings, motion
         self.id, self.began, self.time = identifier, time, time
         self._attitude = motion.attitude(time)  # of the rig at the time of the density, as it was known then
-        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2, on_rig)
+        self.mixture = GaussianMixture(births, existence, settings.model, settings.rate_sigma**2, on_rig)
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
         self.score, self.resolved = 0.0, False
-        self.told_apart: dict[int, float] = {}
         # Where it would be on the rig, in the body, with variances (rad^2) across and up; and the largest square of a distance.
         self._on_rig = [(turned_back(self._attitude, one.direction), *one.covariance.diagonal()[:2])
                         for one in self.mixture.components if one.on_rig]
