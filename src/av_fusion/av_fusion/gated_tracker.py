@@ -57,8 +57,6 @@ class GatedTracker(PlainTracker):
         super().__init__(parameters, gimbal)
         self.machine = StateMachine(self.tau)
         self.planner = RotationPlanner(fixed=ROTATION)
-        self._sound_delay = 0.0 if parameters is None else float(parameters.sound_delay)
-        self._sight_delay = 0.0 if parameters is None else float(parameters.sight_delay)
 
     def restart(self) -> None:
         """Forget the target."""
@@ -80,6 +78,7 @@ class GatedTracker(PlainTracker):
         """See `PlainTracker`."""
         if self.motion.add(pose) is not None:  # earlier directions in the world are not valid
             self._unambiguous = self._stored = None
+            self.planner.cancel()
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `PlainTracker`; only the detection of highest score is used."""

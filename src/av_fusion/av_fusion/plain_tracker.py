@@ -38,6 +38,8 @@ class PlainTracker:
     def __init__(self, parameters: Any = None, gimbal: object = None) -> None:
         self.motion, self.planner = RigMotion(), RotationPlanner(enabled=False)
         self.tau = 0.5 if parameters is None else float(parameters.tau)
+        self._sound_delay = 0.0 if parameters is None else float(parameters.sound_delay)
+        self._sight_delay = 0.0 if parameters is None else float(parameters.sight_delay)
         self._newest = {Source.SOUND: -math.inf, Source.SIGHT: -math.inf}
         self._id, self._tracked = 0, False
         self.restart()
@@ -71,17 +73,17 @@ class PlainTracker:
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Use the directions of arrival of one window, of different sources."""
         for measurement in measurements:
-            yaw, known = self.motion.yaw(measurement.time), self.predict(measurement.time)
+            time = measurement.time - self._sound_delay
+            yaw, known = self.motion.yaw(time), self.predict(time)
             expected = 0.0 if known is None else known[0] - yaw
             nearest = min(measurement.hypotheses, key=lambda one: abs(wrap(one.azimuth - expected)))
-            self._use(measurement.time, nearest.azimuth + yaw, nearest.across_variance, Source.SOUND)
+            self._use(time, nearest.azimuth + yaw, nearest.across_variance, Source.SOUND)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Use the detections of an image, or their absence."""
-        best = measurement.best
+        time, best = measurement.time - self._sight_delay, measurement.best
         if best is not None and best.score >= self.tau:
-            azimuth = best.azimuth + self.motion.yaw(measurement.time)
-            self._use(measurement.time, azimuth, best.across_variance, Source.SIGHT)
+            self._use(time, best.azimuth + self.motion.yaw(time), best.across_variance, Source.SIGHT)
 
     def _use(self, time: float, azimuth: float, variance: float, source: Source) -> None:
         self._newest[source] = max(self._newest[source], time)

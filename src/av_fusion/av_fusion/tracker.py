@@ -104,7 +104,7 @@ class MultiTargetTracker:
         self._targets = Targets(0.0)
         self._images: dict[str, CameraMeasurement] = {}  # the newest one of each camera
         self._image = NO_CAMERA  # that of them in which one sees best
-        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
+        self._mirror_axis: Vector | None = None  # in the body frame, of the newest directions of arrival
 
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
@@ -112,6 +112,8 @@ class MultiTargetTracker:
         if jump is not None:
             self.filter.turn_world(jump)
             self._calibration.turn_world(jump)
+            if self.looks is not None:
+                self.looks.cancel()
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `PlainTracker`."""
@@ -119,7 +121,8 @@ class MultiTargetTracker:
             return
         time = measurements[0].time - self.settings.sound_delay
         self._reset_after_gap(time)
-        self._mirror_axis = mirror_axis(measurements[0].hypotheses, measurements[0].cone)
+        self._mirror_axis = next((axis for one in measurements
+                                  if (axis := mirror_axis(one.hypotheses, one.cone)) is not None), None)
         # A sighting is compared with the only sound: of several it is not known which is the one that is seen.
         heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(measurements) == 1
                  else self._calibration.array.corrected(one) for one in measurements]

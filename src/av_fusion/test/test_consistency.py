@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from av_common.rig import CAMERAS
+from av_fusion.consistency.camera_monitor import CameraMonitor
 from av_fusion.consistency.monitor import ConsistencyMonitor
-from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import angles, turned_back
 
@@ -21,3 +23,19 @@ def test_what_is_heard_at_the_zenith_is_compared_with_the_description():
         azimuth, elevation = angles(turned_back(motion.attitude(100.0), (0.0, 0.0, 1.0)))
         monitor.add_doas([DoaMeasurement(100.0, (Hypothesis(azimuth, 1e-3, elevation, 1e-3),), 0.9, 0.1)])
         assert monitor.advance(101.0) is None
+
+
+def test_sightings_of_before_a_step_of_the_clock_back_are_not_used_when_their_time_comes_again():
+    """Before anything was heard they wait."""
+    motion, image = RigMotion(), CameraMeasurement(0.0, (Detection(0.3, 1e-4, 0.9, 0.1, 1e-4),))
+    monitor, used = CameraMonitor(motion, CAMERAS[0], 0.0, 0.0), []
+    for time in (50.0, 30.0):
+        monitor.add_camera(image._replace(time=time))
+        monitor.advance(time)
+    for step in range(300):
+        time = 30.0 + 0.1 * step
+        motion.add(Pose.level(time, 0.0))
+        monitor.add_doas([DoaMeasurement(time, (Hypothesis(0.3, 1e-3, 0.1, 1e-3),), 0.9, 0.1)])
+        monitor.advance(time)
+        used.append(monitor.seen)
+    assert max(used) == 30.0

@@ -501,3 +501,13 @@ def test_of_a_rig_that_is_not_as_described_targets_that_are_not_followed_are_unc
         resolved += [one.resolved for one in output.targets.tracks]
     assert output.bearing.state == Bearing.STATE_NONE and len(output.targets.tracks) == 1
     assert resolved[-2:] == [True, False] and output.targets.tracks[0].source == 0
+
+
+def test_among_hundreds_of_classes_drones_are_noticed():
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    for k in range(150):
+        stage.on_detections(detections(START + 0.1 * k, (100.0, 0.9, str(k))), START + 0.1 * k)
+    assert len(stage.converter.foreign_classes) < 150
+    stage.on_detections(detections(START + 15.0, (100.0, 0.9, 'drone')), START + 15.0)
+    assert stage.converter.foreign_classes == []

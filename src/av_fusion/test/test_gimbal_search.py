@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from simulated_sensors import SimulatedSensors
 
 from av_common.angles import angles_to_direction, direction_to_angles, wrap
 from av_common.gimbal_geometry import gimbal_to_body
@@ -123,3 +124,16 @@ def test_a_target_above_is_found_by_looking_up():
     rig = Rig(10.0, 32.0)  # above the view of a camera at rest
     rig.run(15.0, until=seen)
     assert seen(rig.tracks[-1])
+
+
+def test_a_look_does_not_turn_with_the_correction_of_a_heading():
+    """It is planned anew, instead of 120 deg off."""
+    tracker, sensors, looks = MultiTargetTracker(TrackerSettings(gimbal=GimbalMount())), SimulatedSensors(1), []
+    for step in range(24):
+        time = 100.0 + 0.1 * step
+        tracker.add_pose(Pose.level(time, math.radians(120.0) * (step >= 20), 1e-9))
+        tracker.add_doas([sensors.doa(time, 1.0)])
+        tracker.add_camera(CameraMeasurement(time - 0.02, (), visibility=0.9))
+        looks.append(tracker.estimate(time + 0.01).look)
+    assert tracker.motion.jumps == 1 and looks[19] is not None and looks[23] is not None
+    assert all(abs(look[0] - looks[19][0]) < math.radians(10.0) for look in looks[20:] if look is not None)

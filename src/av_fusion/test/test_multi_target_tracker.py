@@ -191,3 +191,17 @@ def test_that_nothing_is_judged_yet_is_said_so():
         track = tracker.estimate(time)
         reasons |= {track.reason} if len(tracker.targets(track).targets) == 2 else set()
     assert len(reasons) == 1 and 'not judged yet' in reasons.pop()
+
+
+def test_a_loud_source_where_both_images_meet_resolves_no_other_target():
+    """An array in an upright plane: images of what is beside it are one direction, those of the other target are not."""
+    tracker, resolved = MultiTargetTracker(), []
+    for step in range(40):
+        time = 100.0 + 0.1 * step
+        found = [DoaMeasurement(time, tuple(Hypothesis(math.remainder(one, math.tau), math.radians(2.0)**2, 0.1, 1e-3)
+                                            for one in (azimuth, math.pi - azimuth)), 0.95, 0.1, drone_probability=0.9)
+                 for azimuth in (math.radians(89.0), 0.5)[step < 25:]]
+        tracker.add_doas(found)
+        track = tracker.estimate(time)
+        resolved += [target.track.resolved for target in tracker.targets(track).targets if target.id == 1]
+    assert len(resolved) > 30 and not any(resolved)

@@ -9,6 +9,7 @@ import pytest
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
+from av_common.parameters import node_parameters
 from av_common.track import Source, State
 from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, Tilt
 from av_fusion.gated_tracker import GatedTracker
@@ -21,6 +22,7 @@ from av_fusion.measurement.measurements import (
     usable_doa,
 )
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.plain_tracker import PlainTracker
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_fusion.tracks.settings import FilterSettings
 
@@ -357,3 +359,42 @@ def test_a_camera_that_has_stopped_tells_nothing_of_what_can_be_seen_now():
         tracker.add_doas([sensors.doa(100.0 + 0.1 * step, 2.0)])
         visibility = tracker.estimate(100.0 + 0.1 * step).visibility
         assert visibility == 0.9 if step < 40 else step < 60 or math.isnan(visibility)
+
+
+def test_a_fixed_rotation_begins_anew_where_the_heading_was_corrected():
+    """Else the rest of it would be turned, too."""
+    tracker, sensors = GatedTracker(), SimulatedSensors(1)
+    for step in range(30):
+        time = 100.0 + 0.1 * step
+        tracker.add_pose(Pose.level(time, math.radians(100.0) * (step >= 15), 1e-9))
+        tracker.add_doas([sensors.doa(time, 0.5)])
+        assert tracker.estimate(time).requested_rotation == pytest.approx(math.radians(45.0))
+    assert tracker.motion.jumps == 1
+
+
+class Newest(PlainTracker):
+    """The newest azimuth."""
+
+    def restart(self):
+        self.newest = None
+
+    def update(self, time, azimuth, variance, source):
+        self.newest = azimuth, variance
+
+    def predict(self, time):
+        return self.newest
+
+
+@pytest.mark.parametrize('name', ['sound_delay', 'sight_delay'])
+def test_delays_of_stamps_hold_for_trackers_of_others(name):
+    """A rig turns by 46 deg/s before a target in the east; the stamps are 0.4 s late."""
+    tracker = Newest(node_parameters('av_fusion', 'fusion_node', overrides={name: 0.4}))
+    for step in range(30):
+        time, stamp = 100.0 + 0.1 * step, 99.9 + 0.1 * step
+        tracker.add_pose(Pose.level(time, 0.8 * (time - 100.0), 0.8))
+        azimuth = float(wrap(-0.8 * (stamp - 0.4 - 100.0)))
+        if name == 'sound_delay':
+            tracker.add_doas([DoaMeasurement(stamp, (Hypothesis(azimuth, 1e-4),), 0.9)])
+        else:
+            tracker.add_camera(CameraMeasurement(stamp, (Detection(azimuth, 1e-4, 0.9),)))
+    assert tracker.estimate(time).azimuth_world == pytest.approx(0.0, abs=0.01)

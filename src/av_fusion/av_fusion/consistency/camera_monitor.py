@@ -185,6 +185,8 @@ class CameraMonitor:
 
     def advance(self, now: float) -> Fault | None:
         """Use what is older than LAG_S at `now` (s); returns what is known to be wrong, until the description fits again."""
+        while self._waiting and self._waiting[-1][0] > now + GAP_S:  # of a clock that was set back
+            self._waiting.pop()
         if self._bank is not None:
             self._weigh(self._bank, now)
         return self._wrong

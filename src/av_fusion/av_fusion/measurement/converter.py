@@ -137,8 +137,8 @@ class MeasurementConverter:
         boxes = []
         for detection in message.detections:
             hypotheses = [result.hypothesis for result in detection.results]
-            if len(self._classes) < MOST_CLASSES:
-                self._classes.update(h.class_id for h in hypotheses)
+            names = {h.class_id for h in hypotheses}
+            self._classes |= names if len(self._classes) < MOST_CLASSES else names & self._target_classes
             scores = [h.score for h in hypotheses if h.class_id in self._target_classes]
             if scores:
                 box = detection.bbox
