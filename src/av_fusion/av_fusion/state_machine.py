@@ -26,13 +26,11 @@ class StateMachine:
 
     def __init__(self, tau: float = 0.5) -> None:
         self.tau = tau
+        self.state, self.reason, self.changed = State.NONE, 'no measurement yet', 0.0
         self.restart()
 
     def restart(self) -> None:
-        """Forget all measurements."""
-        self.state = State.NONE
-        self.reason = 'no measurement yet'
-        self.changed = 0.0
+        """Forget all measurements; the state stays until the next step."""
         self.sight_confidence = 0.0
         self.sound_confidence = 0.0
         self._newest_image = self._newest_doa = -math.inf
@@ -79,8 +77,9 @@ class StateMachine:
         else:
             recent_doa = time - (self._newest_doa if heard is None else heard) <= SOUND_TIMEOUT_S
             wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
+        if wanted != self.state or time < self.changed:  # a clock may be set back
+            self.changed = time
         if wanted != self.state or not tracked:
-            self.changed = time if wanted != self.state else self.changed
             self.state, self.reason = wanted, self._reason(wanted, recent_image, why)
         return self.state
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from av_fusion.disambiguation.rotation import (
     BROADSIDE_SIGMA,
@@ -96,3 +97,13 @@ def test_the_planner_turns_the_camera_where_it_is_mounted():
     first, second = pair(80.0)
     for view, expected in ((front, 0), (back, 1)):
         assert int(np.argmin(expected_times(TURNS, first, second, LEFT, view, CONFIRM))) == expected
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_a_rig_that_overshoots_its_sector_turns_back(side):
+    """Half a turn from the heading of the first request, and a little more: cables would be wound up."""
+    planner = RotationPlanner()
+    for yaw_deg in range(0, 190, 5):
+        yaw = math.remainder(side * math.radians(yaw_deg), math.tau)
+        turn = planner.plan(0.1 * yaw_deg, yaw, lambda: [pair(80.0)], LEFT, VIEW, CONFIRM)
+    assert turn == -side * math.pi / 2.0

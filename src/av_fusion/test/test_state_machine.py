@@ -36,3 +36,15 @@ def test_a_threshold_of_zero_needs_a_detection_all_the_same():
     assert machine.step(1.1, True) == State.ACOUSTIC_ACTIVE
     machine.on_image(1.2, 0.05)
     assert machine.step(1.2, True) == State.VISUAL_ACTIVE
+
+
+def test_the_time_of_the_last_change_stays_when_measurements_are_forgotten():
+    """After a silence nothing has changed, and no change is later than a clock that was set back."""
+    machine = StateMachine()
+    machine.on_doa(1.0, 0.9)
+    machine.step(1.0, True)
+    machine.step(9.0, False)
+    machine.restart()
+    assert machine.step(20.0, False) == State.NONE and machine.changed == 9.0
+    machine.restart()
+    assert machine.step(5.0, False) == State.NONE and machine.changed == 5.0

@@ -102,6 +102,7 @@ class RotationPlanner:
         self._planned = -math.inf
         self._pairs: Sequence[Sequence[Candidate]] = ()
         self._centre: float | None = None
+        self._offset = 0.0  # of the yaw from there, not wrapped
         self._asked = -math.inf
 
     def ask(self, time: float) -> None:
@@ -124,7 +125,7 @@ class RotationPlanner:
 
         A new ambiguity within FORGET_S continues the rotation in the same direction.
         """
-        self._is_open, self._target, self._centre = False, None, None
+        self._is_open, self._target, self._centre, self._offset = False, None, None, 0.0
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
@@ -151,6 +152,7 @@ class RotationPlanner:
         self._is_open = True
         self._centre = yaw if self._centre is None else self._centre
         offset = float(wrap(yaw - self._centre))
+        offset = self._offset = offset + math.tau * round((self._offset - offset) / math.tau)
         if self._fixed:
             return self._fixed_turn(yaw, offset)
         left = {direction: SECTOR - direction * offset for direction in (1.0, -1.0)}
