@@ -1,1 +1,1 @@
-"""Calibration of the microphones by the camera."""
+"""Calibration of the microphones, and of a further camera, by the first camera."""
