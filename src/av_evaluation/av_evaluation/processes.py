@@ -55,7 +55,7 @@ def name_of(process_id: int) -> str:
     named = [word[len(NODE_NAME):] for word in words if word.startswith(NODE_NAME)]
     programs = [Path(word).name for word in words if word and word[0] != '-' and ' ' not in word]
     program = next((name for name in programs if not name.startswith(INTERPRETERS)), '')
-    return [*named, program][0] or (f'child of {name_of(parent)}' if parent > 1 else words[0])
+    return [*named, program][0] or (f'child of {name_of(parent)}' if parent > 1 else ''.join(words[:1]))
 
 
 class MarkedProcesses:

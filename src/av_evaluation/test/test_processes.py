@@ -4,7 +4,9 @@ import os
 import signal
 import sys
 import time
+from types import SimpleNamespace
 
+import psutil
 import pytest
 
 from av_evaluation.processes import MarkedProcesses, launched_rig, name_of, sample
@@ -64,6 +66,12 @@ def test_what_has_ended_has_no_name_and_no_memory():
     os.waitpid(ended, 0)
     assert sample(ended) is None
     assert name_of(ended) == ''
+
+
+def test_an_orphan_that_is_ending_has_no_name(monkeypatch):
+    """Linux has taken its memory, and with that the words of its command line."""
+    monkeypatch.setattr(psutil, 'Process', lambda _: SimpleNamespace(cmdline=list, ppid=lambda: 1))
+    assert name_of(5) == ''
 
 
 def test_a_launch_that_does_not_end_is_killed_also_where_ctrl_c_is_typed_again(tmp_path, monkeypatch):
