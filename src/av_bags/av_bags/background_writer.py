@@ -30,9 +30,9 @@ class BackgroundWriter:
 
     Attributes:
         bag: the BagWriter.
-        dropped: number of messages that were lost.
+        dropped, unencoded: numbers of messages that were lost because the disk was too slow, and as they could not be encoded.
         problem: current problem of the disk; empty without one.
-        encoding_problem: reason why a message could not be encoded, of the last such message; empty without one.
+        encoding_problem: why the last one could not be encoded; empty without one.
 
     Raises BagError where the path exists or cannot be created.
     """
@@ -43,7 +43,7 @@ class BackgroundWriter:
         self._queue: deque[tuple[str, int, bytes]] = deque()
         self._queued = 0
         self._encoders: dict[str, Encoder] = {}
-        self.dropped = 0
+        self.dropped = self.unencoded = 0
         self.problem = self.encoding_problem = ''
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -105,7 +105,7 @@ class BackgroundWriter:
                 encoded = self._encoders[topic](data) if topic in self._encoders else data
             except Exception as error:  # noqa: BLE001  whatever a message from outside makes an encoder raise
                 self.encoding_problem = f'{topic}: {error}'
-                self.dropped += 1
+                self.unencoded += 1
                 continue
             with self._lock:
                 self.bag.write(topic, time_ns, encoded)

@@ -185,7 +185,7 @@ def test_no_message_that_cannot_be_encoded_ends_the_writer(tmp_path):
     for data in (b'bad', bytes(8), b'bad', bytes(8)):
         recording.put('/image', 1, data)
     recording.close()
-    assert recording.dropped == 2 and recording.bag.counts == {'/image': 2}
+    assert (recording.dropped, recording.unencoded) == (0, 2) and recording.bag.counts == {'/image': 2}
     assert recording.encoding_problem == '/image: not an image'
 
 

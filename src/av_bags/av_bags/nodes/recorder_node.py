@@ -118,14 +118,14 @@ class RecorderNode(RigNode):
         writer = self._writer
         for name, why in self._unusable.items():
             status.mergeSummary(DiagnosticStatus.WARN, f'{name} is not recorded: {why}')
-        if writer.dropped:
-            why = writer.encoding_problem or 'the disk is too slow'
-            status.mergeSummary(DiagnosticStatus.WARN, f'{writer.dropped} messages lost: {why}')
+        for count, why in ((writer.dropped, 'the disk is too slow'), (writer.unencoded, writer.encoding_problem)):
+            if count:
+                status.mergeSummary(DiagnosticStatus.WARN, f'{count} messages lost: {why}')
         if writer.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, writer.problem)
         status.add('file', str(writer.bag.file))
         status.add('size (MB)', f'{1e-6 * writer.bag.bytes_written:.1f}')
-        status.add('lost messages', str(writer.dropped))
+        status.add('lost messages', str(writer.dropped + writer.unencoded))
         status.add('not published so far', ', '.join(self._missing))
         for topic, count in writer.bag.counts.items():
             status.add(f'{topic} messages', str(count))
