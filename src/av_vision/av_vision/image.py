@@ -1,6 +1,6 @@
 """Decoding of JPEG and PNG files of untrusted origin, and conversion of any depth to the 8-bit BGR images of a detector.
 
-The size in a file's header is checked before memory is taken for pixels.
+The size in a file's header, and those of a PNG's chunks, are checked before memory is taken for them.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ NORMAL_MAD = 1.4826    # standard deviation of normal values over their median a
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
 MOST_SCANS = 32              # of a JPEG; a progressive one has about ten, and each takes time for the whole image
 MOST_SEGMENTS = 256          # before the size in a JPEG
+MOST_CHUNKS = 100_000        # of a PNG; those of MOST_PIXELS have some thousand bytes each
 MOST_SIDE = 16_384           # pixels of width or height
 _MARKER = re.compile(rb'\xff([^\xff])', re.DOTALL)
-_PNG = b'\x89PNG\r\n\x1a\n'
+PNG = b'\x89PNG\r\n\x1a\n'
 JPEG = b'\xff\xd8'
-_IHDR = struct.Struct('>I4s2I')
+_CHUNK, _SIDES = struct.Struct('>I4s'), struct.Struct('>2I')    # length and kind, before content and checksum; in the first
 _SIZES = frozenset({0xC0, 0xC1, 0xC2})    # baseline, extended and progressive Huffman coding
 _OTHER_SIZES = frozenset(range(0xC3, 0xD0)) - {0xC4, 0xC8, 0xCC}    # lossless, hierarchical, arithmetic coding
 _BARE = frozenset({0x01, *range(0xD0, 0xD8)})    # markers without a segment
@@ -219,19 +220,29 @@ def check_pixels(width: int, height: int, most: int) -> None:
 
 
 def size_of(data: bytes | memoryview) -> tuple[int, int]:
-    """Width and height in the header of a JPEG or PNG file. Raises ValueError if it has none."""
+    """Width and height in the header of a JPEG file, or of a PNG file that is whole. Raises ValueError for others."""
     data = bytes(data)
-    size = _size_of_png(data) if data.startswith(_PNG) else _size_of_jpeg(data) if data.startswith(JPEG) else None
+    size = _size_of_png(data) if data.startswith(PNG) else _size_of_jpeg(data) if data.startswith(JPEG) else None
     if size is None:
-        raise ValueError(f'image of {len(data)} bytes cannot be decoded: expected a complete header of JPEG or PNG')
+        raise ValueError(f'image of {len(data)} bytes cannot be decoded: expected a complete header of JPEG, or a whole PNG')
     return size
 
 
 def _size_of_png(data: bytes) -> tuple[int, int] | None:
-    if len(data) < len(_PNG) + _IHDR.size:
-        return None
-    length, kind, width, height = _IHDR.unpack_from(data, len(_PNG))
-    return (width, height) if (length, kind) == (13, b'IHDR') else None
+    """The size in the first chunk of a whole file: OpenCV takes memory for what a chunk claims, and reads no other files."""
+    position = len(PNG)
+    for _ in range(MOST_CHUNKS):
+        if position + _CHUNK.size > len(data):
+            return None
+        length, kind = _CHUNK.unpack_from(data, position)
+        end = position + _CHUNK.size + length + 4
+        if end > len(data) or (position == len(PNG) and (length, kind) != (13, b'IHDR')):
+            return None
+        if kind == b'IEND':
+            width, height = _SIDES.unpack_from(data, len(PNG) + _CHUNK.size)
+            return width, height
+        position = end
+    return None
 
 
 def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:

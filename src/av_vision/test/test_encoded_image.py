@@ -61,6 +61,15 @@ def test_bombs_take_no_memory(data):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 5_000    # KiB
 
 
+def test_a_chunk_that_claims_gigabytes_takes_no_memory():
+    data = bytearray(encode('.png'))
+    data[33:37] = struct.pack('>I', 2**32 - 2**16)    # the length of what follows the header
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match='expected a complete header'):
+        decode_image(bytes(data), cv2.IMREAD_COLOR)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 5_000    # KiB
+
+
 def test_a_jpeg_of_many_scans_is_refused():
     jpeg = encode('.jpg')
     scan = jpeg[jpeg.index(b'\xff\xda'):-2]
@@ -70,7 +79,7 @@ def test_a_jpeg_of_many_scans_is_refused():
 
 @pytest.mark.parametrize('kind', ['.bmp', '.webp', '.tiff', '.ppm'])
 def test_other_formats_are_refused(kind):
-    with pytest.raises(ValueError, match='expected a complete header of JPEG or PNG'):
+    with pytest.raises(ValueError, match='expected a complete header of JPEG, or a whole PNG'):
         decode_image(encode(kind), cv2.IMREAD_COLOR)
 
 
@@ -90,5 +99,5 @@ def test_damage_raises_nothing_but_value_errors():
 @pytest.mark.parametrize('rest', [b'', b'\xff' * 2_000_000, b'\xff\x00' * 1_000_000, b'\xff\xe0\x00\x02' * 500_000,
                                   bytes(2_000_000)], ids=['empty', 'fill', 'stuffed', 'segments', 'zeros'])
 def test_a_header_without_end_is_given_up(rest):
-    with pytest.raises(ValueError, match='expected a complete header of JPEG or PNG'):
+    with pytest.raises(ValueError, match='expected a complete header of JPEG, or a whole PNG'):
         size_of(b'\xff\xd8' + rest)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.files import MEGABYTE, check_file
-from av_vision.image import JPEG, MOST_PIXELS, check_pixels, size_of
+from av_vision.image import JPEG, MOST_PIXELS, PNG, check_pixels, size_of
 from av_vision.sources.capture import CapturedImage, SourceError
 
 FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states no rate
@@ -37,7 +37,7 @@ def read_image(path: Path) -> NDArray:
     """
     try:
         data = check_file(path, MOST_BYTES).read_bytes()
-        if data.startswith(JPEG):    # OpenCV takes memory for what the header of this format alone claims
+        if data.startswith((JPEG, PNG)):    # OpenCV takes memory for what these formats claim
             check_pixels(*size_of(data), MOST_PIXELS)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
         if image is None:
