@@ -126,6 +126,16 @@ def test_of_two_targets_the_likelier_drone_is_followed_unless_one_is_wanted():
     assert selection.choose(targets(0.4, 0.95)) == 1
 
 
+def test_what_may_be_behind_is_worth_less_than_what_is_as_certainly_ahead():
+    """The variance of a track is that of one side, which an open one has with its probability only."""
+    def target(name, sigma, **side):
+        return Target(name, 1.0, Track(0.0, azimuth=0.1, covariance_world=(sigma**2, 0.0, 0.0, sigma**2), **side))
+
+    selection = Selection('certain', 0.5)
+    assert selection.choose([target(1, 0.02, front_probability=0.4), target(2, 0.025, resolved=True)]) == 2
+    assert selection.choose([target(1, 0.005, front_probability=0.1), target(2, 0.025, resolved=True)]) == 1
+
+
 def test_nothing_is_tracked_without_measurements_and_after_a_gap():
     """No target before the first measurement, and none 6 s after the newest."""
     tracker = MultiTargetTracker()

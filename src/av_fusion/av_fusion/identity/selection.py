@@ -31,8 +31,9 @@ POLICIES: Mapping[str, Callable[[Track], float]] = {
 class Selection:
     """Chooses the target by its utility, and keeps it until another one has clearly more.
 
-    The utility is the probability that there is such a target times the odds that it is a drone, over what the policy wants
-    small. Only targets that are drones with at least the probability `threshold` are followed, or those that nothing judges.
+    The utility is the probability that there is such a target, on the side where its track is, times the odds that it is a
+    drone, over what the policy wants small. Only targets that are drones with at least the probability `threshold` are
+    followed, or those that nothing judges.
 
     Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
 
@@ -72,4 +73,5 @@ class Selection:
     def _utility(self, target: Target) -> float:
         """Probability of a drone counts up to CERTAIN, and is even while nothing judges."""
         drone = 0.5 if math.isnan(target.drone_probability) else min(target.drone_probability, CERTAIN)
-        return target.existence * drone / (1.0 - drone) / (self._small(target.track) + math.radians(1.0))
+        side = 1.0 if target.track.resolved else target.track.hemisphere_probability
+        return target.existence * side * drone / (1.0 - drone) / (self._small(target.track) + math.radians(1.0))
