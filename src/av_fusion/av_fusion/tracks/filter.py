@@ -100,7 +100,7 @@ class MultiBernoulliFilter:
         detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
         gains = np.array([detected * one.peak / one.clutter for one in heard])
         fundamentals = fundamental_likelihoods(measurements)
-        compared = [track.compare_sound(heard, place) for track, place in zip(self.tracks, places, strict=True)]
+        compared = [track.compare_sound(heard, place, fraction) for track, place in zip(self.tracks, places, strict=True)]
         shape = len(self.tracks), len(heard)
         missed = self._missed(compared)
         ratios = np.array([track.sound_ratios(each, gains, lost)

@@ -124,7 +124,7 @@ class WorldCone(NamedTuple):
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
         deviations = (Deviation(row, self.cosine - means, variances + self.variance, self.variance),)
-        return Comparison(deviations, _fits(deviations))
+        return Comparison(deviations, fits_of(deviations))
 
     def births(self, elevations: Sequence[Elevation]) -> list[BirthComponent]:
         """Both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -205,12 +205,19 @@ class DirectionLikelihood(NamedTuple):
         """See `WorldCone`."""
         alternatives = [(direction.deviations(past), direction) for direction in self.directions]
         deviations, nearest = min(alternatives, key=lambda pair: float(distances(pair[0]).min()))
-        return Comparison(deviations, _fits(deviations), nearest)
+        return Comparison(deviations, fits_of(deviations), nearest)
 
 
-def _fits(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
-    """See `Comparison`: densities by the first deviation, reduced by the others."""
-    return np.asarray(np.exp(-0.5 * distances(deviations)) * np.sqrt(deviations[0].noise / deviations[0].totals))
+def fits_of(deviations: Sequence[Deviation], share: float = 1.0) -> NDArray[np.float64]:
+    """See `Comparison.fits` of a direction of arrival: densities by the first deviation, reduced by the others.
+
+    Parameters:
+        deviations: of the direction.
+        share: of the variances of its noise that counts.
+    """
+    squares = sum([one.innovations**2 / (one.totals - (1.0 - share) * one.noise) for one in deviations])
+    first = deviations[0]
+    return np.asarray(np.exp(-0.5 * squares) * np.sqrt(share * first.noise / (first.totals - (1.0 - share) * first.noise)))
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:

@@ -28,7 +28,7 @@ from av_fusion.measurement.vectors import (
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
-from av_fusion.tracks.likelihood import Comparison, Deviation
+from av_fusion.tracks.likelihood import Comparison, Deviation, fits_of
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
 from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState
 from av_fusion.tracks.settings import FilterSettings
@@ -48,13 +48,15 @@ class SoundComparison(NamedTuple):
     Parameters:
         component, past: the component, and its direction at the capture time.
         directions: compared with each direction.
-        fits (k, m): of each in each mode of motion, see `Comparison`.
+        fits (k, m): of each in each mode of motion, see `Comparison`; its noise is that of the new part of the window.
+        own (k, m): the same with the noise of the whole window.
     """
 
     component: GaussianComponent
     past: PastState
     directions: Sequence[Comparison]
     fits: NDArray[np.float64]
+    own: NDArray[np.float64]
 
 
 class Track:
@@ -156,14 +158,21 @@ class Track:
         for component in self.mixture.components:
             component.p_unheard = rate + kept * (component.p_unheard - rate)
 
-    def compare_sound(self, heard: Sequence[Hearing], lag: Lag) -> list[SoundComparison]:
-        """Each component compared with each direction of arrival of one window; `lag` is the result of `predict`."""
+    def compare_sound(self, heard: Sequence[Hearing], lag: Lag, fraction: float) -> list[SoundComparison]:
+        """Each component compared with each direction of arrival of one window.
+
+        Parameters:
+            heard: the directions.
+            lag: result of `predict`.
+            fraction: effective sample fraction of the window, by which the noise of the directions was divided.
+        """
         compared = []
         for component in self.mixture.components:
             past = component.at(lag)
             directions = [hearing.likelihood.compare(past) for hearing in heard]
             fits = np.array([direction.fits for direction in directions]).T
-            compared.append(SoundComparison(component, past, directions, fits))
+            own = np.array([fits_of(direction.deviations, fraction) for direction in directions]).T
+            compared.append(SoundComparison(component, past, directions, fits, own))
         return compared
 
     @staticmethod
@@ -186,17 +195,18 @@ class Track:
             missed: probability that the target is not among the directions although it can be heard.
         """
         none, ratios = self.mixture.absent, np.zeros(len(gains))
-        for component, _, _, fits in compared:
+        for component, _, _, _, own in compared:
             audible = component.weight * (1.0 - component.p_unheard)
             none += component.weight - audible * (1.0 - missed)
-            ratios += audible * (component.modes @ fits)
+            ratios += audible * (component.modes @ own)
         return ratios * gains / none
 
     def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float,
                   fraction: float) -> None:
         """Weigh and update the components by the directions of arrival of one window.
 
-        Likelihoods are raised to the effective sample fraction, as windows overlap; associations are those of this window.
+        Likelihoods are raised to the effective sample fraction, as windows overlap. Associations are those of the whole window:
+        by the larger noise of its new part, what is far off would be taken for the target's.
 
         Parameters:
             time (s): capture time.
@@ -210,7 +220,7 @@ class Track:
             component, fits = each.component, each.fits
             unheard = component.p_unheard
             totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
-            likelihoods = (1.0 - unheard) * fits * gains
+            likelihoods = (1.0 - unheard) * each.own * gains
             shares = likelihoods / (unheard + (1.0 - unheard) * missed + np.add.reduce(likelihoods, axis=1, keepdims=True))
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
