@@ -93,7 +93,7 @@ class GatedTracker(PlainTracker):
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `PlainTracker`."""
-        for measurement in measurements:
+        for measurement in measurements[:1]:  # that of the strongest source: the publication has one
             self.add_doa(measurement)
 
     def add_doa(self, measurement: DoaMeasurement) -> None:

@@ -71,8 +71,8 @@ class PlainTracker:
         self.motion.add(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """Use the directions of arrival of one window, of different sources."""
-        for measurement in measurements:
+        """Use the directions of arrival of one window, of different sources: that of the strongest, which is the first."""
+        for measurement in measurements[:1]:
             time = measurement.time - self._sound_delay
             yaw, known = self.motion.yaw(time), self.predict(time)
             expected = 0.0 if known is None else known[0] - yaw
