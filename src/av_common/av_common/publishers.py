@@ -25,7 +25,8 @@ class Publishers:
     """
 
     def __init__(self, node: Node, topics: Iterable[str], besides: Mapping[str, str] | None = None) -> None:
-        self._node, self._topics, self._besides = node, tuple(topics), dict(besides or {})
+        self._node, self._besides = node, dict(besides or {})
+        self._topics = {topic: node.resolve_topic_name(topic) for topic in topics}  # those of the graph, which counts no others
         self._doubled: dict[str, float] = {}  # since when (s, steady) an input has two publishers of one name
 
     def contested(self, now: float) -> dict[str, list[str]]:
@@ -35,12 +36,12 @@ class Publishers:
             now (s): by a steady clock.
         """
         found = {}
-        for topic in self._topics:
-            if self._node.count_publishers(topic) < 2:  # the usual case costs no list of all of them
+        for topic, name in self._topics.items():
+            if self._node.count_publishers(name) < 2:  # the usual case costs no list of all of them
                 self._doubled.pop(topic, None)
                 continue
             names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                           for info in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)))
+                           for info in self._node.get_publishers_info_by_topic(name))
             own = f'{self._node.get_namespace().rstrip("/")}/{self._besides.get(topic, "")}'
             single = len(names) - (own in names) < 2
             if single:

@@ -57,6 +57,15 @@ def test_a_second_publisher_is_named_until_it_ends(publish, publishers):
     assert until(lambda: publishers.contested(0.0) == {})
 
 
+def test_the_publishers_of_a_remapped_input_are_those_of_its_other_name(publish):
+    """rclpy counts those of the name that is given."""
+    node = rclpy.create_node('listener', namespace='left', cli_args=['--ros-args', '-r', 'pose:=odometry'])
+    for name in ('one', 'two'):
+        publish(name)
+    assert until(lambda: Publishers(node, ('pose',)).contested(0.0) == {'pose': ['/left/one', '/left/two']})
+    node.destroy_node()
+
+
 def test_one_of_the_same_name_is_a_successor_for_the_lease_of_discovery(publish, publishers):
     for _ in range(2):
         publish('one')

@@ -88,7 +88,7 @@ class PointingNode(RigNode):
 
     def _on_publishers(self, contested: Mapping[str, list[str]]) -> None:
         self._stage.contested = contested
-        self._stage.on_limiters(self.count_publishers('yaw_rate_limit'))
+        self._stage.on_limiters(self.count_publishers(self.resolve_topic_name('yaw_rate_limit')))
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
