@@ -35,7 +35,7 @@ class PointingStage:
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
         command: the newest command, None before the first.
-        contested: publishers of `target/bearing` and `odometry` where there are several.
+        contested: publishers of each input that has several.
 
     Parameters:
         controller: see the attribute.
@@ -111,7 +111,10 @@ class PointingStage:
             arrival: time of its arrival.
         """
         azimuth, elevation = map(float, direction_to_angles(cue_direction(message)))
-        if self._cued.take(to_seconds(message.header.stamp), arrival):
+        stamp = to_seconds(message.header.stamp)
+        if 'target/cue' in self.contested:
+            self._cued.skip(stamp, arrival)
+        elif self._cued.take(stamp, arrival):
             self._cue = Look(azimuth, elevation, message.header.frame_id == BASE_FRAME)
 
     def on_time(self, now: Instant) -> PointingCommand:

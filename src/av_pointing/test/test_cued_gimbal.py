@@ -91,6 +91,17 @@ def test_a_repeated_cue_is_as_old_as_the_first():
     assert rig.commands[-1].mode == PointingCommand.MODE_HOLD
 
 
+def test_a_cue_of_two_publishers_is_not_obeyed_later_either():
+    """The last one may be the forger's, who has gone."""
+    rig = Rig()
+    rig.run(1.0, place=(1.0, 0.0, 0.0))
+    rig.stage.contested = {'target/cue': ['/network_node', '/forger']}
+    before = rig.run(0.5)
+    rig.stage.contested = {}
+    assert rig.run(0.2, cue=False).pan == pytest.approx(before.pan)
+    assert rig.run(1.0).pan > before.pan + 0.2
+
+
 def test_a_target_of_its_own_comes_first():
     """Cues count only without one."""
     seen = {'state': State.VISUAL_ACTIVE, 'source': Source.SIGHT, 'azimuth': -0.3, 'azimuth_variance': 1e-3, 'resolved': True}

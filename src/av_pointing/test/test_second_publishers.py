@@ -23,11 +23,11 @@ RIG = Path(__file__).resolve().parents[3] / 'config/rig_gimbal.yaml'
 class Bench:
     """A node, and two others that publish one of its inputs."""
 
-    def __init__(self, make, kind, topic, **parameters):
+    def __init__(self, make, kind, topic, names=('one', 'another'), **parameters):
         rclpy.init(args=['--ros-args', *(word for name, value in parameters.items() for word in ('-p', f'{name}:={value}'))],
                    domain_id=free_domain())
         self.executor, self.node = SingleThreadedExecutor(), make()
-        self.senders = [rclpy.create_node(name) for name in ('one', 'another')]
+        self.senders = [rclpy.create_node(name) for name in names]
         for each in (self.node, *self.senders):
             self.executor.add_node(each)
         self.publishers = [sender.create_publisher(kind, topic, RESULT) for sender in self.senders]
@@ -87,3 +87,17 @@ def test_cues_turn_no_gimbal(bench):
     rig.leave_one('target/cue')
     rig.publish(cue, 'base_link', 20)
     assert rig.node._stage.command.pan > 0.3
+
+
+def test_tasks_and_a_network_may_cue_the_gimbal_both():
+    """Each of the suite's own two sources counts; report_node publishes cues for tasks only, but always may."""
+    rig = Bench(PointingNode, PointStamped, 'target/cue', ('network_node', 'report_node'), follow_cues='true', enabled='true')
+    try:
+        rig.spin(20.0, lambda: rig.node.is_active and rig.node.count_publishers('target/cue') == 2)
+        rig.publishers.pop()
+        cue = PointStamped()
+        cue.point.x, cue.point.y = 10.0, 10.0
+        rig.publish(cue, 'base_link', 20)
+        assert not rig.node.contested and rig.node._stage.command.pan > 0.3
+    finally:
+        rig.close()

@@ -57,7 +57,8 @@ class PointingNode(RigNode):
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         self._ran, self._resumed = time.monotonic(), -math.inf
         cues = ['target/cue'] if self._settings.follow_cues else []
-        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', *cues, tell=self._on_publishers)
+        self.refuse_second_publishers('target/bearing', 'odometry', 'yaw_rate_limit', *cues, tell=self._on_publishers,
+                                      besides={'target/cue': 'report_node'})    # which has tasks for the rig of a network
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
         self._timer = self.create_steady_timer(PERIOD_S, self._on_time)
         self.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
