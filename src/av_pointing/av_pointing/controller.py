@@ -209,7 +209,10 @@ class PointingController:
             mode, reason = Mode.LOOK, self._look(time, dt, cue)
         elif track is None or mode == Mode.HOLD:
             self.body.stop(dt)
-            self.gimbal.hold(dt, neutral=settings.neutral and stale != '')
+            returns = settings.neutral and stale != ''
+            self.gimbal.hold(dt, neutral=returns)
+            if returns and settings.move_gimbal:    # to hold is to move nothing
+                mode, reason = Mode.LOOK, f'{stale}; the gimbal returns to 0'
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
             self.body.turn(time, dt, aim, DEAD_BAND, left, SEARCH_RATE)

@@ -149,7 +149,7 @@ def test_searches_only_while_front_and_back_are_open():
 
 
 def test_neutral_on_stale_brings_the_gimbal_back():
-    """`on_stale` neutral returns pan and tilt to 0."""
+    """`on_stale` neutral returns pan and tilt to 0, in no mode in which nothing moves."""
     controller = PointingController(PointingSettings(neutral=True, move_body=False))
     track = Track(0.0, State.VISUAL_ACTIVE, azimuth=1.0, elevation=0.4, elevation_variance=0.01)
     for k in range(100):
@@ -157,7 +157,9 @@ def test_neutral_on_stale_brings_the_gimbal_back():
     assert command.pan == pytest.approx(1.0, abs=0.02) and command.tilt == pytest.approx(0.4, abs=0.02)
     for k in range(200):
         command = controller.step(2.0 + 0.02 * k, track, Ages(0.02 * k, 0.02 * k, 0.0))
-    assert abs(command.pan) < 0.02 and abs(command.tilt) < 0.02
+    assert abs(command.pan) < 0.02 and abs(command.tilt) < 0.02 and (command.mode, command.yaw_rate) == (Mode.LOOK, 0.0)
+    controller.enabled = False
+    assert controller.step(7.0, track, Ages()).mode == Mode.HOLD
 
 
 @pytest.mark.parametrize('change', [{'rate': 0.0}, {'acceleration': -1.0}, {'lower': 0.1}, {'upper': -0.1}])

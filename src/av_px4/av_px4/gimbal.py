@@ -61,7 +61,7 @@ class GimbalInputs:
         pan (rad): commanded angle, positive to the left
         tilt (rad): commanded angle, positive upwards
         pan_rate (rad/s): commanded rate of the pan angle
-        fresh: whether bearing (but for a look), pointing command, attitude and status are all fresh
+        fresh: whether pointing command, attitude and status are all fresh, and the command's mode is one that moves the gimbal
         nav_state: mode of the vehicle, None without a fresh status
         system: MAVLink id of the vehicle
         measured (rad): pan and tilt reported by the gimbal, None without a recent report

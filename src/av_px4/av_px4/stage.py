@@ -45,6 +45,7 @@ NO_MODE = 'the installed px4_msgs has no external modes (PX4 1.15 and later have
 RATE_HZ = 50.0        # of control steps without pointing commands; each command causes a step at once
 GAP_S = 0.5           # without vehicle_odometry or esc_status, after which vehicle_attitude or actuator_motors take its place
 HEARTBEAT = 'offboard_control_mode'
+AIMS = (PointingCommand.MODE_TRACK, PointingCommand.MODE_LOOK)    # modes in which the gimbal moves
 # Messages whose age PX4 judges: one that waited in a stall must not count as new. It stamps all others on arrival, which does
 # not depend on the synchronisation of clocks; answers to arming checks carry the number of the question.
 STAMPED = frozenset({HEARTBEAT, 'trajectory_setpoint', 'vehicle_command'})
@@ -165,10 +166,7 @@ class Px4Stage:
         return self._step()
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
-        """Note the arrival of a bearing, without which the gimbal follows nothing but looks, and of its newest measurement.
-
-        The body moves by new measurements only, whatever is published between them.
-        """
+        """Note the newest measurement of a bearing: the body moves by new ones only, whatever is published between them."""
         self._now = arrival
         measured = to_seconds(message.measured) if message.state != Bearing.STATE_NONE else math.nan
         if 'target/bearing' in self.contested:
@@ -339,9 +337,8 @@ class Px4Stage:
 
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
         command = self._command
-        aimed = self.meters['bearing'].age <= STOP_WITHIN or command.mode == PointingCommand.MODE_LOOK    # such as at a cue
-        fresh = aimed and (inputs.status_age <= STATUS_TIMEOUT and inputs.attitude_age <= ATTITUDE_TIMEOUT
-                           and inputs.command_age <= COMMAND_TIMEOUT)
+        fresh = (command.mode in AIMS and inputs.status_age <= STATUS_TIMEOUT
+                 and inputs.attitude_age <= ATTITUDE_TIMEOUT and inputs.command_age <= COMMAND_TIMEOUT)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
             pan, tilt = angles_of_command(self.gimbal.mount, pan, tilt, command.header.frame_id == BASE_STABILIZED,

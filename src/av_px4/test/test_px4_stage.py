@@ -228,15 +228,41 @@ def test_the_gimbal_is_claimed_pointed_once_it_is_acknowledged_and_given_back():
     assert [message.param1 for _, message in last] == [-3.0]
 
 
-@pytest.mark.parametrize(('mode', 'moves'), [(PointingCommand.MODE_LOOK, True), (PointingCommand.MODE_HOLD, False)])
-def test_without_a_target_the_gimbal_looks_where_others_have_one(mode, moves):
-    """Fusion has none; pointing is as careful with a cue as with a bearing."""
+@pytest.mark.parametrize('silent', ['bearing', ''])
+@pytest.mark.parametrize(('mode', 'moves'), [(PointingCommand.MODE_LOOK, True), (PointingCommand.MODE_HOLD, False),
+                                            (PointingCommand.MODE_SEARCH, False)])
+def test_the_gimbal_looks_also_without_a_target_and_stands_still_in_hold_and_search(mode, moves, silent):
+    """Pointing is as careful with a cue as with a bearing; after a claim the gimbal may be elsewhere than in the command."""
     rig = Rig()
-    rig.silent = {'bearing'}
+    rig.silent = {silent}
     rig.run(0.1, mode=mode)
     rig.acknowledge()
     rig.run(0.5, mode=mode, pan=0.5)
+    assert any(message.command == 1000 for message in rig.of('vehicle_command')) == moves
     assert any(message.command == 1000 and message.param2 < -10.0 for message in rig.of('vehicle_command')) == moves
+
+
+def test_without_a_target_the_gimbal_moves_no_further_than_the_newest_command():
+    """As it returns with on_stale: neutral."""
+    rig = Rig()
+    rig.silent = {'bearing'}
+
+    def look(pans):
+        for pan in pans:
+            rig.run(0.02, mode=PointingCommand.MODE_LOOK, pan=pan)
+            rig.acknowledge()
+    look([0.5] * 50)
+    assert rig.of('vehicle_command')[-1].param2 == pytest.approx(-math.degrees(0.5), abs=0.1)
+    look([0.4, 0.3])
+    rig.silent = {'rig'}
+    rig.run(0.5)
+    ended = rig.of('vehicle_command')[-1].param2
+    assert -math.degrees(0.5) < ended < -math.degrees(0.3) + 0.1
+    rig.run(0.5)
+    assert rig.of('vehicle_command')[-1].param2 == ended
+    rig.silent = {'bearing'}
+    look([0.0] * 50)
+    assert rig.of('vehicle_command')[-1].param2 == pytest.approx(0.0, abs=0.1)
 
 
 def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
