@@ -122,6 +122,7 @@ class Gimbal:
             self.yielded &= self._after_takeover is AfterTakeover.NEVER
             return self.release() if self.claim is not Claim.NONE else []
         if inputs.nav_state is None or self.yielded:
+            self._rest()
             return []
         if inputs.nav_state in PX4_USES_GIMBAL:  # PX4 has taken control: claim the gimbal again after this mode
             self.claim, self._waiting_since, self._taken = Claim.NONE, None, False

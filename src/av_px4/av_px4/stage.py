@@ -133,8 +133,9 @@ class Px4Stage:
     def stop(self, now: Instant) -> list[Outgoing]:
         """The messages that stop the motion, release the gimbal, and unregister the external mode but in its failsafe."""
         self._now = now
-        waits = self._guard.waits(now.steady, self._guard_inputs())    # as PX4 may have left the mode meanwhile
-        out = [self._setpoint(0.0)] if self.decision.setpoint and not waits else []
+        inputs = self._guard_inputs()
+        waits = self._guard.waits(now.steady, inputs)    # as PX4 may have left the mode meanwhile
+        out = [self._setpoint(0.0)] if self.decision.setpoint and inputs.place_known and not waits else []
         out += self._commands(self.gimbal.release())
         registration = self.mode.registration if self.mode else None
         if self.mode and registration and not (self._status and self._status.overrides(registration.mode_id)):
@@ -194,6 +195,7 @@ class Px4Stage:
         pose = pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
                              message.velocity_frame)
         self.meters['odometry'].tick()
+        self._attitude = message.q
         return self._odometry(message, pose, message.reset_counter)
 
     def on_vehicle_attitude(self, message: Any, arrival: Instant) -> list[Outgoing]:
@@ -231,7 +233,7 @@ class Px4Stage:
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the gimbal's orientation, from which its motion also starts after a claim."""
         self._now = arrival
-        known = self.meters['attitude'].age <= ATTITUDE_TIMEOUT
+        known = self._attitude_age <= ATTITUDE_TIMEOUT
         state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
         if known:
             self.meters['gimbal'].tick()
@@ -329,7 +331,7 @@ class Px4Stage:
         place = self._place.held is not None or (self._place.current is not None
                                                  and meters['position'].age <= POSITION_TIMEOUT)
         return Inputs(
-            self._status, meters['status'].age, min(meters['attitude'].age, meters['odometry'].age), meters['position'].age,
+            self._status, meters['status'].age, self._attitude_age, meters['position'].age,
             self._commanded.age(self._now), self._measured_target.age(self._now),
             0.0 if command.mode == PointingCommand.MODE_HOLD else command.yaw_rate,
             self._parameters.turn_body and command.move_body,
@@ -347,6 +349,10 @@ class Px4Stage:
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= STATUS_TIMEOUT else None,
             self.system_id, self.gimbal_feedback.reported if self.meters['gimbal'].age <= FEEDBACK_TIMEOUT_S else None)
+
+    @property
+    def _attitude_age(self) -> float:
+        return min(self.meters['attitude'].age, self.meters['odometry'].age)
 
     def _steady(self) -> float:
         return self._now.steady

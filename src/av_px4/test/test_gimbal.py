@@ -102,6 +102,17 @@ class TestClaim:
         bench.deliver(bench.client.release())
         assert bench.autopilot.owner is None and not bench.client.release()
 
+    def test_after_a_silence_of_the_status_it_begins_at_rest(self):
+        """It was turning at 120 deg/s, which its gimbal does not any more."""
+        bench = Bench()
+        bench.run(0.5, pan=2.0)
+        bench.autopilot.nav_state = None
+        bench.run(2.0, pan=2.0)
+        bench.autopilot.nav_state, count = HOLD, len(bench.sent)
+        last = bench.sent[-1][1].params[1]
+        bench.run(0.02, pan=2.0)
+        assert 0.0 < last - bench.sent[count][1].params[1] <= 600.0 * 0.02**2 + 1e-6
+
     def test_it_begins_where_the_gimbal_looks(self):
         bench = Bench()
         bench.autopilot.gimbal, bench.autopilot.gimbal_wanted = [0.0, -1.0], [0.0, -1.0]

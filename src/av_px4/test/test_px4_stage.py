@@ -265,6 +265,21 @@ def test_without_a_target_the_gimbal_moves_no_further_than_the_newest_command():
     assert rig.of('vehicle_command')[-1].param2 == pytest.approx(0.0, abs=0.1)
 
 
+def test_commands_in_the_bodys_frame_are_levelled_by_the_newest_attitude():
+    """That of vehicle_odometry where vehicle_attitude has ended, or is not sent."""
+    rig = Rig()
+    rig.run(0.1)
+    rig.acknowledge()
+    rig.silent = {'vehicle_attitude'}
+    for _ in range(50):
+        rig.take('vehicle_odometry', Message(
+            timestamp=0, timestamp_sample=0, position=[0.0] * 3, velocity=[0.0] * 3, angular_velocity=[0.0] * 3, pose_frame=1,
+            velocity_frame=1, q=[math.cos(0.1), 0.0, math.sin(0.1), 0.0], reset_counter=0))
+        rig.run(0.02)
+        rig.acknowledge()
+    assert rig.of('vehicle_command')[-1].param1 == pytest.approx(math.degrees(0.2), abs=0.1)
+
+
 def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
     rig = Rig()
     rig.run(0.4)
