@@ -32,21 +32,18 @@ class RateMeter:
         """Count an event that happens now."""
         self.count += 1
         self._arrivals.append(self._now())
-        self._forget()
+        while self._arrivals[0] < self._arrivals[-1] - WINDOW_S:
+            self._arrivals.popleft()
 
     @property
     def rate(self) -> float:
         """Events per second over the window; 0 before the second event."""
-        self._forget()
-        if len(self._arrivals) < 2:
+        arrivals = list(self._arrivals)  # one thread may tick while another asks
+        if len(arrivals) < 2:
             return 0.0
-        return (len(self._arrivals) - 1) / max(self._arrivals[-1] - self._arrivals[0], 1e-9)
+        return (len(arrivals) - 1) / max(arrivals[-1] - arrivals[0], 1e-9)
 
     @property
     def age(self) -> float:
         """Seconds since the newest event; inf before the first."""
         return self._now() - self._arrivals[-1] if self._arrivals else math.inf
-
-    def _forget(self) -> None:
-        while len(self._arrivals) > 1 and self._arrivals[0] < self._arrivals[-1] - WINDOW_S:
-            self._arrivals.popleft()

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 
 import pytest
 import rclpy
@@ -198,6 +199,23 @@ def test_rate_meter_counts_on_its_own_clock():
     assert meter.rate == pytest.approx(10.0)
     now[0] += 1.5
     assert meter.age == pytest.approx(1.5)
+
+
+def test_a_rate_that_another_thread_asks_for_forgets_nothing():
+    """Both took the oldest for too old, and forgot two: an input that had just come had never been."""
+    now, asked = [0.0], []
+    meter = RateMeter(lambda: now[0])
+
+    class Interrupted(deque):
+        def popleft(self):
+            if not asked:
+                asked.append(meter.rate)
+            return super().popleft()
+
+    meter._arrivals = Interrupted()
+    for now[0] in (0.0, 9.0):
+        meter.tick()
+    assert asked and meter.age == 0.0
 
 
 def test_the_heartbeat_is_that_of_the_executor(executor, tmp_path, monkeypatch):
