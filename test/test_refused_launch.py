@@ -78,6 +78,17 @@ def test_sections_for_some_rigs_of_a_network_are_accepted(network_file, tmp_path
     assert len(names) == len(set(names))
 
 
+def test_a_network_in_a_namespace_hears_its_rigs(network_file, tmp_path, monkeypatch):
+    """It listened below its namespace, where they are not."""
+    given, make = {}, network_file.rig_node
+    monkeypatch.setattr(network_file, 'rig_node', lambda arguments, package, name, values: (
+        given.update(values), make(arguments, package, name, values))[1])
+    values = {name: default for name, (default, _, _) in network_file.ARGUMENTS.items()}
+    entities = network_file.start({**values, 'namespace': 'fleet', 'rigs': '2', RUN_FOLDER: str(tmp_path)})
+    names = [node.full_name for node in launched_nodes(entities)]
+    assert '/fleet/network_node' in names and all(f'{rig}/fusion_node' in names for rig in given['rigs'])
+
+
 def test_eight_rigs_are_more_participants_than_dds_has_as_it_comes(network_file, tmp_path, monkeypatch):
     """And each gets a profile that has room for them, where the user has none."""
     values = {name: default for name, (default, _, _) in network_file.ARGUMENTS.items()}
@@ -106,7 +117,8 @@ def test_a_misspelt_scenario_ends_the_launch_and_is_named_with_the_nearest(launc
     (False, 'namspace:=left', 'namspace:= is no argument of rig.launch.py, the nearest is namespace:='),
     (True, 'rig:=3', 'rig:= is no argument of network.launch.py, the nearest is rigs:='),
     (True, 'rigs:=2.5', "rigs is '2.5', expected a whole number from 1 to 8"),
-    (False, f'audio:={__file__}', 'needs source:=file, and source is sim')])
+    (False, f'audio:={__file__}', 'needs source:=file, and source is sim'),
+    (False, 'out:=~nobody_of_this_name/x', "out is '~nobody_of_this_name/x': Could not determine home directory")])
 def test_an_argument_without_effect_stops_the_launch(refused, network, argument, words):
     assert words in refused(argument, network=network)
 

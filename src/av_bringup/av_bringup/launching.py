@@ -94,7 +94,7 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
     """
     def begin(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         check_names(context, declarations)
-        arguments = {name: at_home(context.launch_configurations[name]) for name in declarations}
+        arguments = {name: at_home(name, context.launch_configurations[name]) for name in declarations}
         folder = mkdtemp(prefix='av_rig_')
         try:
             entities = start({**arguments, RUN_FOLDER: folder})
@@ -167,8 +167,7 @@ def number(arguments: Arguments, name: str, expected: str, low: float = -math.in
         arguments: values of the launch arguments.
         name: of the argument.
         expected: what it is, for the message.
-        low: the least value.
-        high: the largest value.
+        low, high: the least and the largest value.
     """
     try:
         value = float(arguments[name])
@@ -203,9 +202,12 @@ def make_folder(name: str, folder: str) -> None:
         raise ValueError(f'{name}:={folder} cannot be written')
 
 
-def at_home(value: str) -> str:
+def at_home(name: str, value: str) -> str:
     """The value of an argument; ~ at its beginning is the user's home, which a shell leaves alone in `audio:=~/x.wav`."""
-    return str(Path(value).expanduser()) if value.startswith('~') else value
+    try:
+        return str(Path(value).expanduser()) if value.startswith('~') else value
+    except RuntimeError as error:    # the home of nobody
+        raise ValueError(f'{name} is {value!r}: {error}') from error
 
 
 def guard_process(folder: str) -> ExecuteProcess:
@@ -350,11 +352,10 @@ def camera_nodes(arguments: Arguments, parameters: dict) -> list[LaunchedNode]:
         arguments: values of the launch arguments.
         parameters: parameters that this launch sets.
     """
-    raw = {'pixel_format': 'Y16'}
     return [camera_node(arguments, 'camera_node', camera, {
         'frame_id': mount.optical_frame, 'width': mount.width, 'height': mount.height,
         'horizontal_fov_deg': mount.horizontal_fov_deg,
-        **(raw if (mount.kind, mount.palette) == ('thermal', 'raw') else {}), **parameters})
+        **({'pixel_format': 'Y16'} if (mount.kind, mount.palette) == ('thermal', 'raw') else {}), **parameters})
         for camera, mount in load_rig(arguments['rig']).cameras.items()]
 
 
