@@ -231,7 +231,8 @@ class FusionStage:
         """
         self._follow_clock(arrival)
         if self.consistency is not None:
-            self.consistency.add_command(arrival, message.yaw_rate if message.move_body else 0.0)
+            turns = message.move_body and math.isfinite(message.yaw_rate)
+            self.consistency.add_command(arrival, message.yaw_rate if turns else 0.0)
 
     def on_cue(self, message: PointStamped, arrival: float) -> None:
         """Decide between mirror images by a place where other rigs have a target; bearings become no more precise by it.

@@ -20,7 +20,7 @@ from av_fusion.consistency.events import Fault
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.nodes.fusion_node import FusionNode
 from av_fusion.stage import make_fusion_stage
-from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
+from av_interfaces.msg import Bearing, Doa, DoaArray, PointingCommand, Visibility
 
 START = 1000.0
 ROTATIONS = {'microphones': np.eye(3), 'camera': FLU_TO_OPTICAL.T}
@@ -501,6 +501,18 @@ def test_of_a_rig_that_is_not_as_described_targets_that_are_not_followed_are_unc
         resolved += [one.resolved for one in output.targets.tracks]
     assert output.bearing.state == Bearing.STATE_NONE and len(output.targets.tracks) == 1
     assert resolved[-2:] == [True, False] and output.targets.tracks[0].source == 0
+
+
+def test_a_command_of_no_number_leaves_what_is_known_of_the_heading():
+    """It stands while others turn the rig: bearings in the world are uncertain by that, and finite."""
+    stage = make_stage()
+    for k in range(80):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        stage.on_command(PointingCommand(move_body=True, yaw_rate=math.nan if k == 40 else 0.3), now)
+        output = stage.on_doa(doa(now, 0.2), now)
+    assert 'held' in stage.consistency.fault.text
+    assert math.radians(20.0) ** 2 < output.bearing.covariance_world[0] < math.inf
 
 
 def test_among_hundreds_of_classes_drones_are_noticed():

@@ -222,7 +222,9 @@ class FilterBank:
             self._sides = 0.98 * self._sides * likelihood[:ALONE, 0] / alone + 0.02 / ALONE
         else:
             alone, share[:ALONE] = unknown, 1.0
-        self._sound_known, self._heard_elevation = True, event.elevation
+        self._sound_known = True
+        if len(event.axes) > 1:  # of an array whose channels fail, a pair may be left for a while
+            self._heard_elevation = event.elevation
         if weights[ALONE:].any():
             total = np.sum(likelihood[ALONE:], axis=1) + (1.0 - np.sum(weights[ALONE:], axis=1)) * alone
             self.evidence += np.log(total)
