@@ -46,7 +46,8 @@ class Track(NamedTuple):
         requested_rotation (rad): rotation of the body that would resolve it.
         look (rad): azimuth and elevation in the body's frame where a look of the camera decides most; None where none is
             requested.
-        sound_confidence, sight_confidence: confidence of the newest direction of arrival, score of the newest detection, 0..1.
+        sound_confidence, sight_confidence: confidence of the newest direction of arrival, score of the newest detection, 0..1;
+            0 where these are too old.
         sound_weight, sight_weight: shares of the microphones and of the camera in the bearing, 0..1.
         visibility: visibility of the scene, 0..1; NaN where it is unknown.
     """

@@ -122,6 +122,8 @@ class GatedTracker(PlainTracker):
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `PlainTracker`."""
+        if tau < self.machine.tau:
+            self.machine.restart()  # of the detections below the old one no direction is known
         self.machine.tau = tau
 
     def estimate(self, time: float) -> Track:
@@ -131,7 +133,8 @@ class GatedTracker(PlainTracker):
         track = Track(time=time, state=state, reason=machine.reason, changed=machine.changed,
                       sound_confidence=machine.sound_confidence, sight_confidence=machine.sight_confidence,
                       visibility=self._visibility)
-        by_sight = state == State.VISUAL_ACTIVE or self._direction is None
+        seen_last = self._newest[Source.SIGHT] > self._newest[Source.SOUND]
+        by_sight = state == State.VISUAL_ACTIVE or (state == State.COASTING and seen_last)
         entry = self._detection if by_sight else self._direction
         if state == State.NONE or entry is None:
             return track
@@ -175,7 +178,7 @@ class GatedTracker(PlainTracker):
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""
         stored = self._stored
-        if stored is None or time < stored.time:
+        if stored is None or time < stored.time or time - self._newest[Source.SOUND] > FORGET_S:
             self._stored = _Stored(time, yaw, world)
             return None
         if abs(float(wrap(yaw - stored.yaw))) < LEAST_TURN:

@@ -18,7 +18,7 @@ class StateMachine:
         reason: reason of the last change.
         changed (s): time of the last change.
         sight_confidence: score of the target's detection in the newest image, 0 without one; of several cameras the best.
-        sound_confidence: confidence of the newest direction of arrival.
+        sound_confidence: confidence of the newest direction of arrival. Both as of the newest step: 0 for what is too old.
 
     Parameters:
         tau: see the attribute.
@@ -31,8 +31,7 @@ class StateMachine:
 
     def restart(self) -> None:
         """Forget all measurements; the state stays until the next step."""
-        self.sight_confidence = 0.0
-        self.sound_confidence = 0.0
+        self.sight_confidence = self.sound_confidence = self._heard = 0.0
         self._newest_image = self._newest_doa = -math.inf
         self._sights: dict[str, tuple[float, float]] = {}  # time and score, by camera
 
@@ -47,8 +46,6 @@ class StateMachine:
         if time >= self._sights.get(camera, (-math.inf, 0.0))[0]:
             self._sights[camera] = time, score
             self._newest_image = max(self._newest_image, time)
-            self.sight_confidence = max(score for at, score in self._sights.values()
-                                        if self._newest_image - at <= SIGHT_TIMEOUT_S)
 
     def on_doa(self, time: float, confidence: float) -> None:
         """Use the confidence of a direction of arrival.
@@ -58,7 +55,7 @@ class StateMachine:
             confidence: confidence 0..1.
         """
         if time >= self._newest_doa:
-            self._newest_doa, self.sound_confidence = time, confidence
+            self._newest_doa, self._heard = time, confidence
 
     def step(self, time: float, tracked: bool, why: str = '', heard: float | None = None) -> State:
         """The state at `time`.
@@ -70,6 +67,8 @@ class StateMachine:
             heard (s): capture time of the newest direction of arrival that supports the target; None: of any.
         """
         recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
+        self.sight_confidence = max((score for at, score in self._sights.values() if time - at <= SIGHT_TIMEOUT_S), default=0.0)
+        self.sound_confidence = self._heard if time - self._newest_doa <= SOUND_TIMEOUT_S else 0.0
         if not tracked:
             wanted = State.NONE
         elif recent_image and self.sight_confidence > 0.0 and self.sight_confidence >= self.tau:  # tau may be 0

@@ -146,7 +146,7 @@ class MultiTargetTracker:
         if score > 0.0 or measurement.searched == 1.0:    # else it may not have been looked for
             self.machine.on_image(time, score, measurement.camera)
         if self.looks is not None:
-            self.looks.on_image(time, measurement, self.motion, score >= self.machine.tau)
+            self.looks.on_image(time, measurement, self.motion, 0.0 < score >= self.machine.tau)
 
     def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """See `PlainTracker`."""

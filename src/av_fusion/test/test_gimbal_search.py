@@ -23,9 +23,9 @@ GIMBAL = GimbalMount(pan_limits_deg=(-150.0, 150.0), tilt_limits_deg=(-45.0, 60.
 class Rig:
     """A level rig that stands, two microphones on its y axis, and a gimbal or the body that obeys the track."""
 
-    def __init__(self, azimuth, elevation, gimbal=GIMBAL, visibility=1.0, seed=1):
+    def __init__(self, azimuth, elevation, gimbal=GIMBAL, visibility=1.0, seed=1, tau=0.5):
         self.target = angles_to_direction(math.radians(azimuth), math.radians(elevation))
-        self.tracker = MultiTargetTracker(TrackerSettings(gimbal=gimbal))
+        self.tracker = MultiTargetTracker(TrackerSettings(gimbal=gimbal, tau=tau))
         self.gimbal, self.visibility, self.random = gimbal, visibility, np.random.default_rng(seed)
         self.pan = self.tilt = self.yaw = 0.0
         self.time, self.tracks = T, []
@@ -137,3 +137,13 @@ def test_a_look_does_not_turn_with_the_correction_of_a_heading():
         looks.append(tracker.estimate(time + 0.01).look)
     assert tracker.motion.jumps == 1 and looks[19] is not None and looks[23] is not None
     assert all(abs(look[0] - looks[19][0]) < math.radians(10.0) for look in looks[20:] if look is not None)
+
+
+def test_where_nothing_is_seen_is_looked_at_no_longer_with_a_tau_of_zero():
+    """No detection has a score of 0, that of an image without."""
+    looks = []
+    for tau in (0.5, 0.0):
+        rig = Rig(130.0, 12.0, visibility=0.5, tau=tau)
+        rig.run(6.0)
+        looks.append([track.look for track in rig.tracks])
+    assert any(looks[0]) and looks[0] == looks[1]

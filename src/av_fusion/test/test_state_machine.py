@@ -28,6 +28,18 @@ def test_old_senses_do_not_count():
     assert machine.step(2.2, False) == State.NONE
 
 
+def test_what_is_too_old_has_no_confidence():
+    """Of a camera that has stopped beside another one that has not, too; and when both, and sound, have."""
+    machine = StateMachine()
+    machine.on_image(1.0, 0.9, 'camera')
+    machine.on_image(1.4, 0.2, 'second_camera')
+    machine.on_doa(1.0, 0.8)
+    for time, sight, sound, expected in ((1.4, 0.9, 0.8, State.VISUAL_ACTIVE), (1.8, 0.2, 0.8, State.ACOUSTIC_ACTIVE),
+                                         (2.2, 0.0, 0.0, State.COASTING)):
+        assert machine.step(time, True) == expected
+        assert (machine.sight_confidence, machine.sound_confidence) == (sight, sound)
+
+
 def test_a_threshold_of_zero_needs_a_detection_all_the_same():
     """An image that shows nothing has a score of 0: the camera does not lead by it."""
     machine = StateMachine(0.0)
