@@ -29,6 +29,7 @@ NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 WAIT_S = 1.0  # see `ReportQueue`
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
+FIX_S = 10.0  # for which a place by satellites counts: ten messages of a receiver, one a second
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,7 @@ class NetworkStage:
         self._places = dict(zip(self._names, places, strict=True))
         self._positions: dict[str, NDArray[np.float64]] = {
             name: place.position for name, place in self._places.items() if place.source == SURVEYED}
+        self._fixed: dict[str, float] = {}  # when places by satellites arrived
         self._unresolved: dict[str, set[int]] = {name: set() for name in self._names}  # ids of the rig's tracks
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
@@ -122,22 +124,26 @@ class NetworkStage:
         self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
         self.queue.put(report, self.tracker.corrected_time(index, stamp))
 
-    def on_fix(self, rig: str, message: NavSatFix) -> None:
+    def on_fix(self, rig: str, message: NavSatFix, arrival: float) -> None:
         """Take a rig's position by satellites. Raises ValueError for one without a fix, or that is not on the globe.
 
         Parameters:
             rig: the rig's name.
-            message: the position.
+            message: the position, which counts for FIX_S.
+            arrival (s): time of its arrival.
         """
         if message.status.status < NavSatStatus.STATUS_FIX:
             raise ValueError(f'{rig} has no fix')
         self._positions[rig] = to_enu(Datum(message.latitude, message.longitude, message.altitude), self._datum)
+        self._fixed[rig] = arrival
 
     def output(self, now: float) -> WorldTrackArray:
         """All targets at a time (s), after the reports that are complete by then."""
         if now < self._now - FUTURE_S:  # the clock was set back
             self._restart()
         self._now = now
+        for rig in [rig for rig, arrival in self._fixed.items() if not 0.0 <= now - arrival <= FIX_S]:
+            del self._fixed[rig], self._positions[rig]
         for report in self.queue.ready(now):
             self.tracker.use(report)
         tracks = [target_message(state, self._names) for state in self.tracker.states(now)

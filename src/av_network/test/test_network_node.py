@@ -12,14 +12,16 @@ from av_common.node import Executor
 from av_common.qos import STREAM
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport
+from av_network.nodes import network_node
 from av_network.nodes.network_node import NetworkNode
 
 pytestmark = pytest.mark.system
 LONG_S = 30.0
 
 
-def test_a_rig_joins_whatever_else_is_published_under_its_name():
-    """Others cannot keep it out by messages of another type."""
+def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
+    """Others cannot keep it out by messages of another type. Of one that finds no place /diagnostics tells."""
+    monkeypatch.setattr(network_node, 'MOST_RIGS', 1)
     rclpy.init(args=['--ros-args', '-p', 'join:=true', '-p', 'pose_sources:=[odometry]'])
     node, rig, executor = NetworkNode(), rclpy.create_node('rig', namespace='left'), Executor()
     try:
@@ -32,6 +34,11 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name():
             assert time.monotonic() < end, 'it did not join'
             reports.publish(RigReport(version=RigReport.VERSION, header=Header(stamp=to_stamp(node.now()))))
             executor.spin_once(timeout_sec=0.05)
+        rig.create_publisher(RigReport, '/right/network/report', STREAM)
+        while 'timer _look' not in node.refused.counts:
+            assert time.monotonic() < end, 'nothing is said of the other one'
+            executor.spin_once(timeout_sec=0.05)
+        assert list(node._stage.statistics) == ['left']
     finally:
         node.close()
         for each in (node, rig):

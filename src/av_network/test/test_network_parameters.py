@@ -14,6 +14,9 @@ from av_common.parameters import node_parameters
     ({'rigs': ['left'], 'pose_sources': ['gps'], 'positions': [0.0] * 3}, r"pose_sources has \['gps'\], expected surveyed"),
     ({'rigs': ['left'], 'pose_sources': ['fix']}, 'needs latitude, longitude and altitude of datum'),
     ({'join': True}, r'expected \[odometry\] or \[fix\] where rigs join'),
+    ({'join': True, 'pose_sources': ['gps']}, r'expected \[odometry\] or \[fix\] where rigs join'),
+    ({'join': True, 'pose_sources': ['fix']}, 'needs latitude, longitude and altitude of datum'),
+    ({'join': True, 'pose_sources': ['odometry']}, ''),
     ({}, ''), ({'rigs': ['left'], 'pose_sources': ['fix'], 'datum.latitude': 48.0}, '')])
 def test_contradictions_are_named(given, complaint):
     if not complaint:

@@ -18,7 +18,8 @@ from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
 PLACES = {'left': np.array([-20.0, 0.0, 1.5]), 'right': np.array([20.0, 0.0, 1.5]), 'third': np.array([0.0, 20.0, 1.5])}
 DRONE = np.array([3.0, 55.0, 22.0])
-START = 1000.0
+START = 10_000.0
+FOUND = NavSatFix(status=NavSatStatus(status=0), latitude=48.001, longitude=11.0, altitude=510.0)
 
 
 def report(rig, time, heading=0.0, **values):
@@ -132,10 +133,24 @@ def test_positions_by_odometry_and_by_satellites():
     datum = Datum(48.0, 11.0, 500.0)
     stage = stage_of(source=FIX, datum=datum)
     with pytest.raises(ValueError, match='left has no fix'):
-        stage.on_fix('left', NavSatFix())
-    stage.on_fix('left', NavSatFix(status=NavSatStatus(status=0), latitude=48.001, longitude=11.0, altitude=510.0))
+        stage.on_fix('left', NavSatFix(), START)
+    stage.on_fix('left', FOUND, START)
     place = stage.output(START).rigs[0].position
     assert [place.x, place.y, place.z] == pytest.approx([0.0, 111.2, 10.0], abs=0.1)
+
+
+@pytest.mark.parametrize('later', [10.1, -3600.0])
+def test_a_place_by_satellites_is_not_used_for_ever(later):
+    """A rig that has lost them may be elsewhere; nor does a clock that is set back make its place last."""
+    datum = Datum(48.0, 11.0, 500.0)
+    stage = stage_of(source=FIX, datum=datum)
+    for time in (START, START + later):
+        stage.on_fix('left', FOUND, time)
+        stage.on_report('left', report('left', time), 200, time)
+        assert math.isfinite(stage.output(time + 0.1).rigs[0].position.x) and not stage.statistics['left'].unplaced
+    stage.output(START + 2.0 * later)
+    stage.on_report('left', report('left', START + 2.0 * later), 200, START + 2.0 * later)
+    assert math.isnan(stage.output(START + 2.0 * later).rigs[0].position.x) and stage.statistics['left'].unplaced == 1
 
 
 def test_tangent_plane_far_east():

@@ -72,7 +72,7 @@ class NetworkNode(RigNode):
                                  partial(self._on_report, name), STREAM, raw=True)
         if self._sources[name] == FIX:
             self.create_subscription(NavSatFix, f'{self._topics[name]}/fix',
-                                     partial(self._stage.on_fix, name), STREAM)
+                                     lambda message: self._stage.on_fix(name, message, self.now()), STREAM)
 
     def _look(self) -> None:
         """Let rigs join whose reports have appeared below the node's namespace."""
@@ -81,8 +81,10 @@ class NetworkNode(RigNode):
         for topic, types in self.get_topic_names_and_types():
             name = topic.removeprefix(begin).removesuffix(REPORT)
             if (topic != f'{begin}{name}{REPORT}' or topic in known or REPORT_TYPE not in types or name in self._topics
-                    or len(self._topics) >= MOST_RIGS or not self.count_publishers(topic)):
+                    or not self.count_publishers(topic)):
                 continue
+            if len(self._topics) >= MOST_RIGS:
+                raise ValueError(f'{name} is one rig more than {MOST_RIGS}')
             source = self.settings.pose_sources[0]
             self._stage.join(self._rig(name, not self._topics), RigPlace(source, np.zeros(3)))
             self._topics[name], self._sources[name], self._meters[name] = name, source, RateMeter()
@@ -136,12 +138,12 @@ def _network(p: Any) -> tuple[dict[str, str], list[RigPlace], Datum]:
     topics = {name.lstrip('/'): name for name in given}
     if not (topics or p.join) or len(topics) < len(given):
         raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right], or join')
-    if p.join and (len(p.pose_sources) != 1 or p.pose_sources[0] == SURVEYED):
+    if p.join and list(p.pose_sources) not in ([ODOMETRY], [FIX]):
         raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
     places = _places(len(topics), list(p.positions), list(p.pose_sources), list(p.headings_deg))
     given_datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
     datum = given_datum if any(given_datum[:2]) else Datum()
-    if any(place.source == FIX for place in places) and not datum.known:
+    if FIX in p.pose_sources and not datum.known:
         raise ValueError('pose_sources has fix, which needs latitude, longitude and altitude of datum')
     return topics, places, datum
 
