@@ -37,9 +37,9 @@ class RateMeter:
 
     @property
     def rate(self) -> float:
-        """Events per second over the window; 0 before the second event."""
+        """Events per second over the window; 0 before the second event, and after a window without any."""
         arrivals = list(self._arrivals)  # one thread may tick while another asks
-        if len(arrivals) < 2:
+        if len(arrivals) < 2 or self._now() - arrivals[-1] > WINDOW_S:
             return 0.0
         return (len(arrivals) - 1) / max(arrivals[-1] - arrivals[0], 1e-9)
 

@@ -198,7 +198,9 @@ def test_rate_meter_counts_on_its_own_clock():
         meter.tick()
     assert meter.rate == pytest.approx(10.0)
     now[0] += 1.5
-    assert meter.age == pytest.approx(1.5)
+    assert meter.age == pytest.approx(1.5) and meter.rate == pytest.approx(10.0)
+    now[0] += 4.0
+    assert meter.rate == 0.0, 'nothing came within the window'
 
 
 def test_a_rate_that_another_thread_asks_for_forgets_nothing():
