@@ -24,6 +24,7 @@ from av_evaluation.cli import soak
     ('hearing accuracy --trials 0', "--trials: '0', expected an integer above 0"),
     ('faults --hours nan', "--hours: 'nan', expected a number of 0 or more"),
     ('faults --hours 2000', 'up to 1000 hours'),
+    ('city --duration inf', '--duration below 2.0, or no number'),
     ('fuzz --sequences 0', "--sequences: '0', expected an integer above 0"),
     ('attack --port-offset 70000', "--port-offset: '70000', expected an integer from")])
 def test_a_wrong_argument_is_named_with_its_value(typed, complaint, tmp_path, capsys):

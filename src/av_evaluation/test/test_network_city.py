@@ -6,11 +6,13 @@ import re
 import socket
 import subprocess
 import sys
+import time
 from collections import Counter
 from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import Header
@@ -128,17 +130,38 @@ def test_tracks_of_another_time_or_without_number_are_refused():
     assert len(cell._foreign) <= 800
 
 
-@pytest.mark.system
-def test_the_command_prints_what_crosses_a_router_that_dies():
-    """12 rigs and 4 cells as processes; the router is dead from 1 to 1.2 s. Every report is sent, most of them arrive."""
+def command(**given):
+    """A city of 12 rigs and 4 cells, by a router of its own."""
     pytest.importorskip('zenoh', reason='needs eclipse-zenoh')
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
-    given = {'rigs': 12, 'cells': 2, 'size': 100, 'reach': 100, 'drones': 1, 'duration': 2, 'outage': 0.2, 'processes': 1,
-             'router': f'tcp/127.0.0.1:{port}'}
-    done = subprocess.run([sys.executable, '-m', 'av_evaluation.cli.city', *(f'--{key}={each}' for key, each in given.items())],
-                          capture_output=True, text=True, timeout=60, check=False)
+    given |= {'rigs': 12, 'cells': 2, 'size': 100, 'reach': 100, 'drones': 1, 'processes': 1, 'router': f'tcp/127.0.0.1:{port}'}
+    return [sys.executable, '-m', 'av_evaluation.cli.city', *(f'--{key}={each}' for key, each in given.items())]
+
+
+@pytest.mark.system
+def test_a_process_that_dies_ends_the_command_with_a_line():
+    """Killed as for lack of memory, long before the end; nothing is waited for, and there is no traceback."""
+    with subprocess.Popen(command(duration=600), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as city:
+        try:
+            begun, cells = time.monotonic(), None
+            while cells is None or time.monotonic() < begun + 5.0:
+                assert city.poll() is None and time.monotonic() < begun + 60.0
+                children = [each for each in psutil.Process(city.pid).children() if 'spawn_main' in ' '.join(each.cmdline())]
+                cells = max(children, key=lambda each: each.pid) if len(children) == 3 else None    # after router and rigs
+                time.sleep(0.1)
+            cells.kill()
+            errors = city.communicate(timeout=60.0)[1]
+        finally:
+            city.kill()
+    assert city.returncode == 1 and 'a process has ended before its time' in errors and 'Traceback' not in errors
+
+
+@pytest.mark.system
+def test_the_command_prints_what_crosses_a_router_that_dies():
+    """12 rigs and 4 cells as processes; the router is dead from 1 to 1.2 s. Every report is sent, most of them arrive."""
+    done = subprocess.run(command(duration=2, outage=0.2), capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode in (0, 1), done.stderr
     sent, received = (float(re.search(pattern, done.stdout, re.M)[1])
                       for pattern in (r'^rigs +([\d.]+)', r'^cells 1(?: +[\d.]+){2} +([\d.]+)'))

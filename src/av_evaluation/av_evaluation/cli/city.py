@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import multiprocessing.synchronize
+import queue
 import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +33,7 @@ QUIET = bytes(serialize_message(RigReport(version=RigReport.VERSION)))  # a repo
 READY_S, GRACE_S = 60.0, 5.0  # for the processes to begin, and to end
 MOST_WAITING = 1000  # messages of one key, of which the oldest are lost then
 COUNTS = ('sent', 'sent bytes', 'received', 'received bytes')
+DIED = 'city: a process has ended before its time, or says nothing'
 COVERED, LATE_S = 0.9, 0.5  # what is asked for: drones with a track, and age of 95 % of the reports
 
 
@@ -43,7 +47,7 @@ class Traffic(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the city; returns 1 where names or tracks are lost or reports are late, 2 where Zenoh is missing."""
+    """Run the city; returns 1 where names, tracks or processes are lost or reports are late, 2 where Zenoh is missing."""
     options = _options(arguments)
     try:
         import zenoh  # noqa: F401 - an option
@@ -57,23 +61,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
     others = [_started(context, _rigs, options, ready, begin, stop, results)]
     others += [_started(context, _cells, options, share, ready, stop, results) for share in range(options.processes)]
     try:
-        if not all(ready.acquire(timeout=READY_S) for _ in others):
-            print(f'city: no router at {options.router}: is the port in use? Another one: --router tcp/127.0.0.1:PORT',
-                  file=sys.stderr)
+        waiting, end = len(others), time.monotonic() + READY_S
+        while waiting and time.monotonic() < end and not _died([router, *others]):
+            waiting -= ready.acquire(timeout=STEP_S)
+        if waiting:
+            print(DIED if _died(others) else f'city: no router at {options.router}: is the port in use? Another one: '
+                  '--router tcp/127.0.0.1:PORT', file=sys.stderr)
             return 1
         begin.value = time.time() + 0.5
-        names, outage = _watch(options, begin.value, lambda: _started(context, _router, options), router)
+        names, outage = _watch(options, begin.value, others, lambda: _started(context, _router, options), router)
     finally:
         stop.set()
-    found = [results.get(timeout=GRACE_S + options.duration) for _ in others]
+    found = _told(results, others, GRACE_S + options.duration)
     for each in others:
         each.join(GRACE_S)
     outage.kill()
+    if len(found) < len(others):
+        print(DIED, file=sys.stderr)
+        return 1
     return 0 if _report(options, found, names) else 1
 
 
-def _watch(options: argparse.Namespace, begin: float, again: Callable[[], Any], router: Any) -> tuple[Names, Any]:
-    """Compare all tracks with the drones until the end; kill the router halfway. Returns the names and the last router."""
+def _died(processes: Iterable[Any]) -> bool:
+    """Whether one of some processes has failed, or was killed."""
+    return any(each.exitcode for each in processes)
+
+
+def _told(results: Any, others: Sequence[Any], seconds: float) -> list[Traffic]:
+    """What processes tell at their end, within a time (s) at most; nothing comes from those that died."""
+    found, end = list[Traffic](), time.monotonic() + seconds
+    while len(found) < sum(not each.exitcode for each in others) and time.monotonic() < end:
+        with suppress(queue.Empty):
+            found.append(results.get(timeout=STEP_S))
+    return found
+
+
+def _watch(options: argparse.Namespace, begin: float, others: Sequence[Any], again: Callable[[], Any], router: Any
+           ) -> tuple[Names, Any]:
+    """Compare all tracks with the drones until the end, or until one of the other processes dies; kill the router halfway.
+
+    Returns the names and the last router.
+    """
     grid, lock = _grid(options), threading.Lock()
     names, world = Names(grid, options.drones), World(grid, options.rigs, options.drones, options.seed)
 
@@ -88,7 +116,7 @@ def _watch(options: argparse.Namespace, begin: float, again: Callable[[], Any], 
         subscription = session.declare_subscriber(f'{TRACKS}/**', take)
         middle, dead = begin + 0.5 * options.duration, False
         settled = begin + min(5.0, 0.25 * options.duration)  # from which drones should have tracks
-        while (now := time.time()) < begin + options.duration:
+        while (now := time.time()) < begin + options.duration and not _died(others):
             if options.outage and not dead and now > middle:
                 router.kill()
                 dead = True
@@ -246,7 +274,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     add('--seed', type=int, default=1, help='of rigs and drones (%(default)s)')
     options = parser.parse_args(arguments)
     low = {'rigs': 4, 'cells': 2, 'drones': 1, 'duration': 2.0, 'outage': 0.0, 'processes': 1, 'size': 20.0}
-    if wrong := [f'--{name} below {least}' for name, least in low.items() if not getattr(options, name) >= least]:
+    if wrong := [f'--{name} below {least}, or no number' for name, least in low.items()
+                 if not least <= getattr(options, name) < math.inf]:
         parser.error(', '.join(wrong))
     if not 0.0 < options.reach <= options.size:
         parser.error('--reach is more than 0 and up to --size')

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -154,7 +155,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f'{len(starts)} starts {place} (seed {options.seed}); time to {"see and " * options.seen}resolve (s)')
     print(f'{"":<11}{"wrong":>8}{"unresolved":>12}{"median":>8}{"95 %":>7}{"longest":>9}')
     figures = {}
-    with ProcessPoolExecutor() as pool:
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
         for method in methods:
             figures[method] = f = summarise(list(pool.map(trial, starts, repeat(method), chunksize=4)))
             print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["unresolved"]:>10.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'

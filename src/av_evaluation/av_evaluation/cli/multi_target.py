@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import time as wall
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -76,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(str(refusal))
     print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
           f'{"of a core":>11}')
-    with ProcessPoolExecutor() as pool:
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
         for scenario in options.scenarios:
             runs = pool.map(partial(run, scenario, options.pair, options.alike),
                             range(options.seed, options.seed + options.seeds))
