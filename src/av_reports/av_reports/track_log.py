@@ -21,6 +21,7 @@ FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_d
           'elevation_deg', 'elevation_sigma_deg', 'latitude', 'longitude', 'altitude_m', 'east_sigma_m', 'north_sigma_m',
           'up_sigma_m', 'east_m_s', 'north_m_s', 'up_m_s', 'measured')
 LARGEST = 500_000_000  # bytes
+FORMULA = ('=', '+', '-', '@', '\t', '\r', '\n')  # beginnings of what spreadsheets compute (OWASP, CSV injection)
 Tracked = BearingTrack | PositionTrack
 
 
@@ -115,7 +116,7 @@ class TrackLog:
     def _write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
         for track in tracks:
             found = feature(track, place)
-            row = _row([found['properties'].get(name, '') for name in FIELDS])
+            row = _row([_cell(found['properties'].get(name, '')) for name in FIELDS])
             line = json.dumps(found, separators=(',', ':'), allow_nan=False) + '\n'
             self._size += len(row) + len(line)
             if self._size > self._largest:
@@ -125,6 +126,11 @@ class TrackLog:
             self.written += 1
         self._table.flush()
         self._features.flush()
+
+
+def _cell(value: Any) -> Any:
+    """A value for the table; a text that is a formula to spreadsheets is quoted: names of classes come from anybody."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
 
 
 def _row(values: Iterable[Any]) -> str:

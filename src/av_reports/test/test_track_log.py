@@ -14,7 +14,7 @@ from report_tracks import NOW, bearing, position
 
 from av_reports.contacts import Place
 from av_reports.stage import Situation
-from av_reports.track_log import FIELDS, TrackLog, feature
+from av_reports.track_log import FIELDS, FORMULA, TrackLog, feature
 
 PLACE = Place(51.5, -0.12, 30.0)
 
@@ -86,12 +86,15 @@ def test_a_clock_that_is_set_back_and_a_full_disk_end_no_log(tmp_path, monkeypat
     assert log._table.closed and log._features.closed
 
 
-@given(st.text(max_size=30))
+@given(st.text(max_size=30) | st.text(max_size=5).map('=HYPERLINK'.__add__))
 def test_any_name_of_a_class_stays_within_its_field(tmp_path_factory, name):
+    """Also one that a spreadsheet would compute, which is quoted in the table only."""
     folder = tmp_path_factory.mktemp('log')
     log = TrackLog(folder)
     log.report(seen(bearing(3, class_id=name, time=NOW), place=None))
     log.close()
-    with files(folder)[0].open(newline='', encoding='utf-8') as file:
+    table, lines = files(folder)
+    with table.open(newline='', encoding='utf-8') as file:
         row, = csv.DictReader(file)
-    assert row['class_id'] == name and row['id'] == '3'
+    assert row['class_id'] == (f"'{name}" if name.startswith(FORMULA) else name) and row['id'] == '3'
+    assert json.loads(lines.read_text(encoding='utf-8'))['properties'].get('class_id', '') == name
