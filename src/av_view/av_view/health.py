@@ -9,7 +9,8 @@ from typing import Any
 
 SILENT_S = 5.0  # after its newest status, from which a node counts as ended
 FORGET_S = 600.0  # a node that has ended for longer belongs to another run
-MOST_NODES, MOST_VALUES, LONGEST_TEXT = 60, 60, 400
+MOST_NODES = 640  # ten of each of 64 rigs
+MOST_VALUES, LONGEST_TEXT = 60, 400
 WAITING = ('recorder_node', 'not active')  # for its button, as it should
 LEVELS = ('ok', 'warning', 'error', 'stale')
 ADVICE: tuple[tuple[str, str, str], ...] = (

@@ -32,10 +32,11 @@ def markers(snapshot: dict[str, Any], sound: Sequence[DoaMeasurement], frame: st
 
     Parameters:
         snapshot: of `RigState`.
-        sound: directions of arrival in the body frame.
+        sound: directions of arrival in the body frame, which are drawn while the snapshot has some.
         frame: name of the body frame.
     """
-    made = [Marker(action=Marker.DELETEALL), *_bearing(snapshot['bearing']), *_heard(sound), *_tracks(snapshot['tracks']),
+    made = [Marker(action=Marker.DELETEALL), *_bearing(snapshot['bearing']),
+            *_heard(sound if snapshot['sound'] else ()), *_tracks(snapshot['tracks']),
             *_truth(snapshot['truth']), *_view(snapshot['cameras'])]
     for number, marker in enumerate(made):
         marker.header, marker.id = Header(frame_id=frame), number

@@ -60,10 +60,8 @@ class RigState:
         self._heard: deque[tuple[float, Sequence[DoaMeasurement]]] = deque(maxlen=MOST_PAST)
         self._picture: tuple[float, tuple[int, int], Any] | None = None
         self._heading: float | None = None
-        self._rig_truth: Any = None
-        self._truths: dict[str, Any] = {}
-        self._spectrum: list[float] = []
-        self._snr = math.nan
+        self._truths: dict[str, tuple[float, Any]] = {}  # times of arrival and poses of the rig and of targets
+        self._spectrum: tuple[float, list[float], float] = -math.inf, [], math.nan  # time of arrival, levels, ratio
         self._marks: deque[tuple[float, str]] = deque(maxlen=MOST_MARKS)
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
 
@@ -120,17 +118,16 @@ class RigState:
         Mode(message.mode)
         self.take('command', message)
 
-    def on_truth(self, name: str, message: Any, _arrival: float = 0.0) -> None:
+    def on_truth(self, name: str, message: Any, arrival: float) -> None:
         """Take a true pose of a simulation, an `Odometry`.
 
         Parameters:
             name: `rig`, or the name of a target.
             message: the message.
+            arrival (s): time of its arrival.
         """
-        if name == 'rig':
-            self._rig_truth = message
-        elif name in self._truths or len(self._truths) < MOST_TRACKS:
-            self._truths[name] = message
+        if name == 'rig' or name in self._truths or len(self._truths) < MOST_TRACKS:
+            self._truths[name] = arrival, message
 
     def on_posterior(self, message: Any, _arrival: float = 0.0) -> None:
         """Take an `AzimuthPosterior`. Raises ValueError for one that has too many sectors, or numbers that are none."""
@@ -143,23 +140,25 @@ class RigState:
         """Take a mark, a `Log`. Raises ValueError for an impossible stamp."""
         self._marks.append((round(to_seconds(message.stamp), 2), message.msg[:LONGEST_NAME]))
 
-    def on_spectrum(self, levels: Sequence[float], snr: float) -> None:
+    def on_spectrum(self, levels: Sequence[float], snr: float, arrival: float) -> None:
         """Take what is known of the sound.
 
         Parameters:
             levels (dB): in the bands of `av_view.spectrum`.
             snr (dB): signal-to-noise ratio; nan while unknown.
+            arrival (s): of the sound.
         """
-        self._spectrum, self._snr = [round(float(level), 1) for level in levels], snr
+        self._spectrum = arrival, [round(float(level), 1) for level in levels], snr
 
     def snapshot(self, now: float) -> dict[str, Any]:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
+        _, levels, snr = self._spectrum if _is_recent(self._spectrum[0], now) else (now, list[float](), math.nan)
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
             'bearing': self._bearing_part(now), 'fusion': self._fusion_part(now), 'sound': self._sound_part(now),
             'sight': self._sight_part(now), 'picture': self._picture_part(now), 'cameras': self._cameras_part(),
-            'tracks': self._tracks_part(now), 'truth': self._truth_part(), 'command': self._command_part(now),
-            'spectrum': self._spectrum, 'snr': number(self._snr, 1), 'delay': self._delay(),
+            'tracks': self._tracks_part(now), 'truth': self._truth_part(now), 'command': self._command_part(now),
+            'spectrum': levels, 'snr': number(snr, 1), 'delay': self._delay(now),
             'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
             'world': self._world_part(now)}
 
@@ -256,14 +255,15 @@ class RigState:
             'selected': selected,
             'point': camera.point(track.azimuth, track.elevation) if camera else None}
 
-    def _truth_part(self) -> list[dict[str, Any]]:
-        if self._rig_truth is None:
+    def _truth_part(self, now: float) -> list[dict[str, Any]]:
+        recent = {name: message for name, (arrival, message) in self._truths.items() if _is_recent(arrival, now)}
+        if 'rig' not in recent:
             return []
-        rig = self._rig_truth.pose.pose
+        rig = recent.pop('rig').pose.pose
         rotation = quat2mat(attitude_of(rig.orientation))
         targets = []
-        for name in sorted(self._truths):
-            target = self._truths[name].pose.pose.position
+        for name in sorted(recent):
+            target = recent[name].pose.pose.position
             offset = np.array([target.x - rig.position.x, target.y - rig.position.y, target.z - rig.position.z])
             azimuth, elevation = angles(tuple(rotation.T @ offset))
             targets.append({'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
@@ -279,8 +279,13 @@ class RigState:
                 'tilt': degrees(message.tilt) if message.move_gimbal else None,
                 'yaw_rate': degrees(message.yaw_rate) if message.move_body else None}
 
-    def _delay(self) -> float | None:
-        return number(statistics.median(self._delays), 3) if self._delays else None
+    def _delay(self, now: float) -> float | None:
+        return number(statistics.median(self._delays), 3) if self._delays and self._fresh('bearing', now) else None
+
+
+def _is_recent(arrival: float, now: float) -> bool:
+    """Whether something arrived (s) within the last STALE_S; not before the start of another bag, either."""
+    return abs(now - arrival) <= STALE_S
 
 
 def _sigma(variance: float) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from av_view.numbers import LONGEST_NAME, MOST_TRACKS, number
 
-MOST_RIGS = 20  # of one map
+MOST_RIGS = 64  # of one map: as many as join a network
 
 
 def world_part(message: Any) -> dict[str, Any]:

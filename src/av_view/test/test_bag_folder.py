@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +34,19 @@ def test_bags_are_listed_the_newest_first(folder):
 def test_nothing_else_is_opened(folder, name):
     with pytest.raises(ValueError, match='is no bag'):
         BagFolder(str(folder)).path(name)
+
+
+def test_what_cannot_be_read_hides_no_bag(folder, monkeypatch):
+    """Another user's folder, as one that is not root finds it."""
+    looked = Path.is_file
+
+    def is_file(path):
+        if path.parent.name == 'pictures':
+            raise PermissionError(13, 'Permission denied', str(path))
+        return looked(path)
+
+    monkeypatch.setattr(Path, 'is_file', is_file)
+    assert BagFolder(str(folder)).names() == ['walk', 'second.db3', 'first.mcap']
 
 
 def test_without_a_folder_there_are_none():

@@ -47,19 +47,23 @@ def test_the_bearing_is_an_arrow_with_a_sector():
 def test_a_cone_has_its_angle_to_the_axis_everywhere():
     axis = (0.0, math.cos(0.3), math.sin(0.3))
     doa = DoaMeasurement.of_cone(NOW, Cone(axis, 0.4, 0.01), 0.9)
-    (circle,) = named(markers(RigState().snapshot(NOW), [doa], 'body'), 'cones')
+    state = RigState()
+    state.on_doa(heard()[0], [doa])
+    (circle,) = named(markers(state.snapshot(NOW), state.sound, 'body'), 'cones')
     assert points(circle) @ np.array(axis) == pytest.approx(REACH * 0.4, abs=1e-9)
     assert points(circle)[0] == pytest.approx(points(circle)[-1])
+    assert not named(markers(state.snapshot(NOW + 5.0), state.sound, 'body'), 'cones'), 'nothing is heard any more'
 
 
 def test_truth_and_tracks_are_where_they_are():
     state = RigState()
-    state.on_truth('rig', pose(1.0, 2.0, 0.0, yaw=math.pi / 2))
-    state.on_truth('target', pose(1.0, 22.0, 0.0))
+    state.on_truth('rig', pose(1.0, 2.0, 0.0, yaw=math.pi / 2), NOW)
+    state.on_truth('target', pose(1.0, 22.0, 0.0), NOW)
+    state.on_doa(*heard())
     message = TrackArray(tracks=[Track(id=3, class_id='drone', azimuth=math.pi / 2, range=5.0)], selected=3)
     message.header.stamp.sec = int(NOW)
     state.take('tracks', message)
-    made = markers(state.snapshot(NOW), heard()[1], 'body')
+    made = markers(state.snapshot(NOW), state.sound, 'body')
     assert points(named(made, 'truth')[0])[0] == pytest.approx([20.0, 0.0, 0.0], abs=0.05)
     assert points(named(made, 'tracks')[0])[1] == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
     assert named(made, 'names')[0].text == '#3 drone' and len(named(made, 'sound')) == 2

@@ -79,6 +79,9 @@ def test_the_dialog_says_what_is_configured_to_move_whatever_was_commanded(rig, 
     assert 'the gimbal (up to 90 deg/s).' in gimbal and 'the body' not in gimbal
     nothing = asked_for(rig, phone, may_move='nothing', command={**STILL, 'pan': 1.0, 'tilt': 0.0})
     assert 'Nothing of this rig is configured to move' in nothing
+    for enabled, words in ((None, 'not known yet'), (False, 'Commands move nothing.')):
+        rig.show(enabled=enabled)
+        assert phone.wait_for(f'$("moves").textContent.includes("{words}")')
     unknown = asked_for(rig, phone, may_move=None)
     assert 'the gimbal and the body' in unknown and 'not known yet' in unknown
     phone.value('confirmMove("turn", "")')

@@ -43,7 +43,23 @@ def test_a_bearing_that_comes_no_more_is_not_shown_as_the_present_one():
     state.take('fusion', FusionState(header=bearing().header, reason='heard'))
     assert state.snapshot(NOW + 0.5)['fusion']['reason'] == 'heard'
     snapshot = state.snapshot(NOW + 5.0)
-    assert snapshot['bearing'] is None and snapshot['fusion'] is None
+    assert snapshot['bearing'] is None and snapshot['fusion'] is None and snapshot['delay'] is None
+
+
+def test_sound_and_truth_that_come_no_more_are_not_shown_as_the_present_ones():
+    """As of microphones that were unplugged, and of a bag in whose place another one, of another time, is played."""
+    state = RigState()
+    state.on_spectrum([-40.0], 12.0, NOW)
+    for name in ('rig', 'target', 'target_2'):
+        state.on_truth(name, pose(10.0, 0.0, 5.0), NOW)
+    snapshot = state.snapshot(NOW + 0.5)
+    assert (snapshot['spectrum'], snapshot['snr'], len(snapshot['truth'])) == ([-40.0], 12.0, 2)
+    for time in (NOW + 5.0, NOW - 50.0):
+        snapshot = state.snapshot(time)
+        assert (snapshot['spectrum'], snapshot['snr'], snapshot['truth']) == ([], None, [])
+    for name in ('rig', 'target'):
+        state.on_truth(name, pose(20.0, 0.0, 5.0), NOW - 50.0)
+    assert len(state.snapshot(NOW - 50.0)['truth']) == 1, 'that of the bag before is gone'
 
 
 def test_a_bearing_without_a_target_shows_nothing():
@@ -104,9 +120,9 @@ def test_what_is_drawn_on_a_picture_is_of_its_time():
 
 def test_truth_is_seen_from_the_rig():
     state = RigState()
-    state.on_truth('target', pose(10.0, 10.0, 5.0))
+    state.on_truth('target', pose(10.0, 10.0, 5.0), NOW)
     assert state.snapshot(NOW)['truth'] == []
-    state.on_truth('rig', pose(10.0, 0.0, 5.0, yaw=math.pi / 2))
+    state.on_truth('rig', pose(10.0, 0.0, 5.0, yaw=math.pi / 2), NOW)
     assert state.snapshot(NOW)['truth'] == [{'azimuth': 0.0, 'elevation': 0.0, 'range': 10.0}]
 
 
@@ -174,9 +190,9 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
     state.take('detections', seen(value, value, value, value, value))
     state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))
-    state.on_spectrum([0.0], value)
-    state.on_truth('rig', pose(0.0, 0.0, 0.0))
-    state.on_truth('target', pose(value, value, 0.0))
+    state.on_spectrum([0.0], value, NOW)
+    state.on_truth('rig', pose(0.0, 0.0, 0.0), NOW)
+    state.on_truth('target', pose(value, value, 0.0), NOW)
     message = TrackArray(tracks=[Track(azimuth=value, elevation_world=value, range=value, covariance_world=[value] * 4)])
     message.header.stamp = to_stamp(NOW)
     state.take('tracks', message)

@@ -45,6 +45,14 @@ def test_a_recorder_that_waits_for_its_button_is_well_and_says_so():
     assert recorder['level'] == 'ok' and 'button' in recorder['advice'][0]
 
 
+def test_all_rigs_of_a_network_have_their_health():
+    """64 rigs join one at most; of those beyond the limit the page said that commands move nothing."""
+    health = Health()
+    for number in range(64):
+        health.on_diagnostics(array(*((f'rig{number}/{node}', DiagnosticStatus.OK, 'active') for node in 'abcdefghij')), 0.0)
+    assert all(len(health.report(1.0, f'/rig{number}')) == 10 for number in range(64))
+
+
 def test_hostile_diagnostics_take_no_memory():
     health = Health()
     for number in range(1000):

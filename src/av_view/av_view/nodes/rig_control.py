@@ -6,6 +6,7 @@ import asyncio
 import queue
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,11 +42,18 @@ class BagFolder:
         self._folder = Path(folder).expanduser().resolve() if folder else None
 
     def names(self) -> list[str]:
-        """Names of the bags, the newest first: files by their ending, folders by their metadata. Raises OSError."""
+        """Names of the bags, the newest first: files by their ending, folders by their metadata. Raises OSError.
+
+        Entries that cannot be read are left out.
+        """
         if self._folder is None:
             return []
-        found = [entry for entry in self._folder.iterdir() if _is_bag(entry) and entry.resolve().parent == self._folder]
-        return [entry.name for entry in sorted(found, key=lambda entry: -entry.stat().st_mtime)[:MOST_BAGS]]
+        found: list[tuple[float, str]] = []
+        for entry in self._folder.iterdir():
+            with suppress(OSError):
+                if _is_bag(entry) and entry.resolve().parent == self._folder:
+                    found.append((entry.stat().st_mtime, entry.name))
+        return [name for _, name in sorted(found, key=lambda pair: -pair[0])[:MOST_BAGS]]
 
     def path(self, name: object) -> str:
         """The path of a bag. Raises ValueError for what is not one of `names`."""

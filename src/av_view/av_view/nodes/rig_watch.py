@@ -204,4 +204,4 @@ class RigWatch:
         block = samples_of(message)[:MOST_SAMPLES // message.channels]
         since, self._spectrum_time = published - self._spectrum_time, published
         self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
-                                self._coherence.add(block, message.sample_rate, since))
+                                self._coherence.add(block, message.sample_rate, since), published)

@@ -83,8 +83,8 @@ function show() {
 const valueOf = (node, key) => nodes.find(one => one.node.endsWith(`/${node}`))?.values.find(([name]) => name === key)?.[1];
 
 function showPointing() {
-  const enabled = valueOf('pointing_node', 'enabled') === 'True', moves = whatMoves(valueOf('pointing_node', 'may move'));
-  $('moves').textContent = !offers.includes('enable') ? '' : enabled ? `It moves by itself: ${moves ?? 'but nothing is configured to move'}.` : 'Commands move nothing.';
+  const told = valueOf('pointing_node', 'enabled'), enabled = told === 'True', moves = whatMoves(valueOf('pointing_node', 'may move'));
+  $('moves').textContent = !offers.includes('enable') ? '' : enabled ? `It moves by itself: ${moves ?? 'but nothing is configured to move'}.` : told === undefined ? 'Whether commands move it is not known yet.' : 'Commands move nothing.';
   for (const id of ['enable', 'turn', 'select', 'record', 'pause']) { $(id).disabled = false; $(id).hidden = !permitted || !offers.includes(id); }
   $('enable').hidden ||= enabled;
   $('stop-bar').hidden = !permitted || !offers.includes('enable'); $('stop').disabled = false;
