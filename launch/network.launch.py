@@ -62,7 +62,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     begin = time.time() + BEGIN_S * (1 + count)  # who is not ready by then joins
     root = '/' if arguments['namespace'] else ''    # in which the rigs are, not below the node
     node = rig_node(arguments, 'av_network', 'network_node', {
-        'rigs': [root + name for name in names], 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
+        'rigs': [root + name for name in names], 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names),
+        'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)
     rigs = [entity for index in range(len(names)) for entity in _rig(arguments, names, index, radius, begin)]
     return [*supervision.entities(), *rigs, node, *view_nodes(arguments)]
