@@ -210,6 +210,36 @@ def test_float_garbage_is_refused(rng):
         AudioDecoder(AudioFormat('f32le')).decode(rng.bytes(8000), 0.0)
 
 
+@pytest.mark.parametrize('bad', [30, 33, 36])
+def test_a_datagram_that_is_no_sound_costs_only_itself(bad):
+    """Also while others are held back, as they end within frames and one is lost."""
+    layout, size, lost = AudioFormat('f32le'), 8 * FRAMES + 4, 30
+    data = layout.encode(ramp(101 * FRAMES))
+    decoder, blocks = AudioDecoder(layout), []
+    for number in range(100):
+        datagram = np.full(size // 4, np.nan, '<f4').tobytes() if number == bad else data[number * size:(number + 1) * size]
+        if number == lost != bad:
+            continue
+        with contextlib.suppress(WireError):
+            blocks += decoder.decode(datagram, 10.0 + (number + 1) * size / (8 * RATE))
+    check(blocks, layout)
+    frames = 100 * size / 8 - sum(len(block.samples) for block in blocks)
+    assert frames <= 2 * (FRAMES + 3) and abs(decoder.counts.lost_frames - frames) <= 4
+    assert blocks[-1].first_sample + len(blocks[-1].samples) == 100 * size // 8
+
+
+def test_datagrams_shorter_than_a_frame_keep_their_channels_behind_one_that_is_no_sound():
+    layout, size = AudioFormat('f32le', 32), 44
+    data, rate = layout.encode(ramp(400, 32)), layout.frame_bytes * RATE
+    decoder, blocks = AudioDecoder(layout), []
+    for number in range(len(data) // size):
+        datagram = np.full(11, np.nan, '<f4').tobytes() if number == 500 else data[number * size:(number + 1) * size]
+        with contextlib.suppress(WireError):
+            blocks += decoder.decode(datagram, 10.0 + (number + 1) * size / rate)
+    check(blocks, layout)
+    assert sum(len(block.samples) for block in blocks) >= 396
+
+
 def test_a_header_that_contradicts_its_datagram_is_named():
     layout = AudioFormat()
     datagram = encode_audio(layout, ramp(10), AudioHeader(0, 10, 0.0))

@@ -169,7 +169,7 @@ class _BareStream:
         self._length = 0.0                                     # mean length of a datagram, bytes
         self._taken = self._early = 0
         self._doubtful = self._skipped = 0                     # datagrams, and bytes, assumed lost
-        self._shifted = False                                  # whether the next byte may be within a frame
+        self._shifted = False                                  # whether the next byte may be within a frame that is not kept
 
     @property
     def next_sample(self) -> int:
@@ -241,7 +241,7 @@ class _BareStream:
             settled = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing)
             lost = np.rint(settled * self._rate / self._length).astype(int)
             self._recent.clear()
-        blocks = []
+        blocks, refused = [], None
         for (datagram, arrival), new in zip(held, np.diff(lost, prepend=0), strict=True):
             if new > 0:
                 self._shift(int(new), round(new * self._length))
@@ -253,7 +253,14 @@ class _BareStream:
             whole = len(data) - len(data) % self.layout.frame_bytes
             self._partial = data[whole:]
             if whole:
-                blocks.append(AudioBlock(first, self.layout.decode(data[:whole]), arrival))
+                try:
+                    blocks.append(AudioBlock(first, self.layout.decode(data[:whole]), arrival))
+                except WireError as error:    # the next datagram, and what else was held back, may be sound
+                    refused, self._partial, self._shifted = error, b'', True
+                    self.counts.lost += 1
+                    self.counts.lost_frames += whole // self.layout.frame_bytes
+        if refused is not None and not blocks:
+            raise refused
         return blocks
 
     def _shift(self, lost: int, skipped: int) -> None:
@@ -268,7 +275,7 @@ class _BareStream:
 
     def _from_next_frame(self, datagram: bytes) -> bytes:
         """A datagram from its next whole frame on, where what came before it is not that frame's beginning."""
-        ahead = -self._position % self.layout.frame_bytes
-        self._partial, self._shifted = b'', False
+        ahead = min(-self._position % self.layout.frame_bytes, len(datagram))
         self._position += ahead
+        self._partial, self._shifted = b'', self._position % self.layout.frame_bytes > 0
         return datagram[ahead:]
