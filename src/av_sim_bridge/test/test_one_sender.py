@@ -130,6 +130,20 @@ def test_a_stream_is_handed_over_after_a_step_back_of_the_clock(stream, monkeypa
     assert LEVEL not in bench.obeyed and len(bench.obeyed) > 40
 
 
+@pytest.mark.parametrize('stream', ['rig truth', 'target truth', 'imu', 'gimbal'])
+def test_states_of_a_restarted_simulator_are_new_after_a_step_back_of_the_clock(stream, monkeypatch):
+    """Though their stamps begin anew and their dates are those of an hour ago."""
+    bench = Bench(stream)
+    for number in range(400, 500):
+        bench.take(FIRST, number, LEVEL)
+    bench.obeyed.clear()
+    monkeypatch.setitem(globals(), 'EPOCH', EPOCH - 3600.0)
+    for number in range(10, 210):
+        with contextlib.suppress(WireError):
+            bench.take(OTHER_PORT, number, FALSE)
+    assert LEVEL not in bench.obeyed and len(bench.obeyed) > 80
+
+
 def test_the_receiver_counts_and_names_them_apart_from_malformed_ones():
     def handle(datagram, _, sender):
         if datagram == b'other':

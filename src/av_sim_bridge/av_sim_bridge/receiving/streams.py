@@ -211,6 +211,7 @@ class InOrder:
     """Leaves out states that come again or out of order, so that stamps increase."""
 
     RESTART_S = 0.5    # dates of a sender that begins anew are later by more: it is not dated for a second
+    SET_BACK_S = 2.0   # dates that are earlier by more are of a clock that was set back: an old state is dated within LATEST_S
 
     def __init__(self) -> None:
         self._stamp = self._date = -math.inf
@@ -222,7 +223,8 @@ class InOrder:
             stamp (s): time of the state on the sender's clock.
             date (s): the same in ROS time.
         """
-        if (stamp <= self._stamp or date == self._date) and date < self._date + self.RESTART_S:
+        again = -self.SET_BACK_S <= date - self._date < self.RESTART_S
+        if again and (stamp <= self._stamp or date == self._date):
             return False
         self._stamp, self._date = stamp, date
         return True
