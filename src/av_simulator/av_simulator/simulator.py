@@ -25,7 +25,8 @@ from av_sim_bridge.wire.oracle import encode_oracle
 from av_sim_bridge.wire.ports import FIRST_TARGET, RIG, TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
-from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
+from av_sim_bridge.wire.truth import VehicleTruth, decode_truth, encode_truth, is_truth
+from av_simulator.motion.yaw_axis import COMMAND_LIFETIME
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.run import BLOCKS_PER_SECOND, TRUTH_RATE, times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket
@@ -82,6 +83,7 @@ class SimulatorCounts:
         audio_frames, images: data sent.
         images_skipped: images omitted for lack of time.
         commands: commands received.
+        old_commands: commands and poses that came after newer ones.
         malformed_commands: invalid datagrams on the control port.
         refused_commands: datagrams on the control port of senders that are not allowed.
         late_blocks: audio blocks later than LATE.
@@ -94,12 +96,32 @@ class SimulatorCounts:
     images: int = 0
     images_skipped: int = 0
     commands: int = 0
+    old_commands: int = 0
     malformed_commands: int = 0
     refused_commands: int = 0
     late_blocks: int = 0
     resynchronised: int = 0
     unsent: int = 0
     lost_on_purpose: int = 0
+
+
+class Newest:
+    """Leaves out what is older than what came before, unless nothing newer came for COMMAND_LIFETIME: a sender began anew."""
+
+    def __init__(self) -> None:
+        self._newest = self._taken = -math.inf
+
+    def takes(self, number: float, now: float) -> bool:
+        """Whether something is not older than all before.
+
+        Parameters:
+            number: number, or time (s), by the sender.
+            now (s): simulated time.
+        """
+        if number < self._newest and now - self._taken <= COMMAND_LIFETIME:
+            return False
+        self._newest, self._taken = number, now
+        return True
 
 
 class Simulator:
@@ -130,6 +152,7 @@ class Simulator:
         self._start = math.nan    # s, monotonic time of the world's beginning, NaN before
         self._start_ms = 0
         self._sequence = 0
+        self._commands, self._poses = Newest(), Newest()
         self._lossy = np.random.default_rng([world.seed, 16])
         self._begin: float | None = None
         self._beaten = -math.inf    # s, monotonic time of the newest heartbeat
@@ -255,21 +278,33 @@ class Simulator:
     def _take_commands(self) -> None:
         for datagram in self._control.receive():
             try:
-                if is_truth(datagram):
-                    self.world.dynamics.follow(from_truth(decode_truth(datagram)))
-                else:
-                    self._obey(decode_rig_control(datagram))
-                self.counts.commands += 1
+                taken = self._follow(decode_truth(datagram)) if is_truth(datagram) else self._obey(decode_rig_control(datagram))
             except WireError as error:
                 self.counts.malformed_commands += 1
                 log.debug('%s', error)
+                continue
+            self.counts.commands += taken
+            self.counts.old_commands += not taken
         self.counts.refused_commands = self._control.refusals.total
 
-    def _obey(self, command: RigControl) -> None:
+    def _follow(self, pose: VehicleTruth) -> bool:
+        """Whether the pose is new; the rig moves there. Raises WireError for that of another vehicle."""
+        if pose.copter_id != RIG:
+            raise WireError(f'control port: pose of vehicle {pose.copter_id}, expected {RIG}')
+        if not self._poses.takes(pose.time, self.world.time):
+            return False
+        self.world.dynamics.follow(from_truth(pose))
+        return True
+
+    def _obey(self, command: RigControl) -> bool:
+        """Whether the command is new; it is executed."""
+        if not self._commands.takes(command.sequence, self.world.time):
+            return False
         if command.yaw_rate is not None:
             self.world.dynamics.command(command.yaw_rate, self.world.time)
         if command.pan is not None and command.tilt is not None:
             self.world.dynamics.look(command.pan, command.tilt, self.world.time)
+        return True
 
     def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
         if self._lossy.random() < self.world.scenario.faults.lost_datagrams:

@@ -3,6 +3,7 @@
 Where time matters it is the test's own: it passes while the simulator sleeps, and nothing depends on the machine's speed.
 """
 
+import contextlib
 import dataclasses
 import multiprocessing
 import os
@@ -426,6 +427,33 @@ def test_an_autopilot_moves_the_rig():
     state = [state for number, state, _ in listener.states if number == 1][-1]
     np.testing.assert_allclose(state.position, given.position, atol=1e-5)
     np.testing.assert_allclose(state.rotation, given.rotation, atol=1e-5)
+
+
+def test_commands_and_poses_that_come_late_or_again_and_those_of_other_vehicles_move_nothing():
+    simulator = Simulator(open_world(SCENARIO), WireOptions(ports=free_ports(), image_rate=0.0), send=lambda *_: None)
+    dynamics, counts, port = simulator.world.dynamics, simulator.counts, simulator.options.ports.control
+
+    def sent(*datagrams):
+        for datagram in datagrams:
+            control.sendto(datagram, ('127.0.0.1', port))
+        simulator._take_commands()
+        simulator.world.advance(1600)
+        return counts.commands, counts.old_commands, counts.malformed_commands
+
+    def turn(number, rate):
+        return encode_rig_control(RigControl(number, 1, yaw_rate=rate))
+
+    def pose(time, x, vehicle=1):
+        return encode_truth(to_truth(VehicleState(time, np.array([x, 0.0, 2.0])), vehicle))
+
+    with contextlib.closing(simulator), contextlib.closing(the_bridge_at(simulator.options)) as control:
+        assert sent(turn(7, 0.5), turn(9, 0.0), turn(8, 0.5), turn(7, 0.5)) == (2, 2, 0)
+        assert dynamics.motion.state(simulator.world.time).rate_flu[2] == 0.0
+        assert sent(pose(5.0, 1.0), pose(4.99, 0.0), pose(5.0, 9.0, vehicle=2)) == (3, 3, 1)
+        assert dynamics.motion.state(simulator.world.time).position[0] == pytest.approx(1.0)
+        for _ in range(7):
+            sent()
+        assert sent(turn(1, 0.5), pose(0.0, 2.0)) == (5, 3, 1)    # of a bridge, and of an autopilot, that begin anew
 
 
 @pytest.mark.parametrize(('allowed', 'obeyed'), [((), 0), (('127.0.0.1',), 20)])
