@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -134,6 +135,24 @@ def test_what_was_simulated_is_simulated_again_in_its_folder(tmp_path):
     sound = (tmp_path / 'sound.wav').read_bytes()
     assert simulate.main([str(tmp_path / 'scenario.yaml'), *arguments]) == 0
     assert (tmp_path / 'sound.wav').read_bytes() == sound
+
+
+@pytest.mark.parametrize('images', [[], ['--image-rate', '0']])
+def test_a_folder_whose_name_is_not_utf8_is_refused(tmp_path, capsys, images):
+    assert simulate.main(['circle', '--out', str(tmp_path / '\udcff'), '--duration', '0.1', *images]) == 2
+    assert 'is not UTF-8' in capsys.readouterr().err
+
+
+def test_a_folder_that_looks_like_a_protocol_has_a_video_and_pictures_that_cannot_be_written_are_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    world = turning_world()
+    recorder = FileRecorder(Path('a:b'), world, image_rate=10.0, everything=True)
+    Path('a:b/frames').rmdir()
+    with pytest.raises(FileNotFoundError, match='_rgb.png'):
+        for step in steps(world, 0.2, 10.0, renderer='flat'):
+            recorder.write(step)
+    recorder.close()
+    assert Path('a:b/video.mp4').stat().st_size > 1000
 
 
 def test_a_run_that_would_write_into_a_bag_changes_no_file(tmp_path, capsys):

@@ -16,6 +16,7 @@ from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
 from av_vision.image import to_bgr8
+from av_vision.sources.files import name_for_opencv
 
 _RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
 _TARGET = ['x', 'y', 'z', 'vx', 'vy', 'vz', 'azimuth', 'elevation', 'distance']
@@ -28,7 +29,7 @@ class FileRecorder:
     The files are `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and
     elevation in the body frame) and `boxes.csv` (px, one row for each target of each image). With `everything` there are
     also `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
-    ids, thermal in hundredths of a kelvin.
+    ids, thermal in hundredths of a kelvin. Raises ValueError or OSError for a folder in which they cannot be.
 
     Parameters:
         folder: folder of the files, created if needed.
@@ -41,13 +42,14 @@ class FileRecorder:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._everything = folder, everything
         camera, array = world.rig.camera, world.rig.array.geometry
+        video = name_for_opencv((folder / 'video.mp4').absolute())    # FFmpeg takes `a:b` for a protocol
         self._sound = soundfile.SoundFile(folder / 'sound.wav', 'w', world.sample_rate, array.channels, 'FLOAT')
         self._video = None
         if image_rate:
             code = cv2.VideoWriter.fourcc(*'mp4v')
-            self._video = cv2.VideoWriter(str(folder / 'video.mp4'), code, image_rate, (camera.width, camera.height))
+            self._video = cv2.VideoWriter(video, code, image_rate, (camera.width, camera.height))
             if not self._video.isOpened():
-                raise OSError(f'{folder / "video.mp4"} cannot be written: OpenCV has no MPEG-4 encoder here')
+                raise OSError(f'{video} cannot be written: OpenCV has no MPEG-4 encoder here')
         numbers = range(len(world.scenario.targets))
         self._files = [(folder / name).open('w', newline='') for name in ('truth.csv', 'boxes.csv')]
         self._truth, self._boxes = map(csv.writer, self._files)
@@ -86,7 +88,8 @@ class FileRecorder:
             if layer is not None:
                 kind = image.bgr.dtype if name == 'rgb' else np.uint8 if name == 'segmentation' else np.uint16
                 file = self._folder / 'frames' / f'{view.index:06d}_{name}.png'
-                cv2.imwrite(str(file), np.clip(layer, 0, np.iinfo(kind).max).astype(kind))
+                pixels = np.clip(layer, 0, np.iinfo(kind).max).astype(kind)
+                file.write_bytes(cv2.imencode('.png', pixels)[1].tobytes())    # which a full disk makes raise
 
 
 def _undate(wav: Path) -> None:
