@@ -74,6 +74,7 @@ class Bag(AbstractContextManager['Bag']):
         self.path = Path(path).expanduser()
         self._problems: dict[str, None] = {}
         self._opened = ExitStack()
+        self._copies: dict[Path, Reader] = {}    # of damaged files, each made once
         try:
             parts = Parts(self.path)
             self._readers = self._opened_files(parts.expanded(self._new_folder))
@@ -305,9 +306,11 @@ class Bag(AbstractContextManager['Bag']):
 
     def _salvaged(self, path: Path) -> Reader:
         """A copy of what can be read of a damaged mcap file."""
-        copy, problems = salvage(path, self._new_folder())
-        self._problems.update(dict.fromkeys(problems))
-        return self._opened_reader(copy)
+        if path not in self._copies:
+            copy, problems = salvage(path, self._new_folder())
+            self._problems.update(dict.fromkeys(problems))
+            self._copies[path] = self._opened_reader(copy)
+        return self._copies[path]
 
     def _opened_reader(self, path: Path) -> Reader:
         suffix = path.suffix.lower()    # rosbags knows files by it, and opens databases by an address

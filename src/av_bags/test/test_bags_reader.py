@@ -1,5 +1,6 @@
 import sqlite3
 import struct
+import tempfile
 
 import bag_messages as make
 import numpy as np
@@ -135,6 +136,21 @@ def test_a_broken_chunk_costs_only_itself(tmp_path, compression, number):
     with Bag(path) as bag:
         assert positions(bag) == [x for x in range(1000) if x // 50 != number]
         assert len(bag.problems) == 1
+
+
+def test_a_damaged_bag_is_copied_once_however_often_it_is_read(tmp_path, monkeypatch):
+    path, copies = tmp_path / 'bag.mcap', tmp_path / 'copies'
+    write_in_chunks(path, 'lz4')
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3:len(content) // 3 + 40] = b'?' * 40
+    path.write_bytes(content)
+    copies.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(copies))
+    with Bag(path) as bag:
+        first = positions(bag)
+        assert 0 < len(first) < 1000 and all(positions(bag) == first for _ in range(3))
+        assert len(list(copies.iterdir())) == 1
+    assert not list(copies.iterdir())
 
 
 def test_a_length_beyond_measure_ends_the_reading(tmp_path):
