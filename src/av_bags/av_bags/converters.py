@@ -201,8 +201,11 @@ def _described_layout(bag: Bag, topic: str) -> AudioLayout:
     for other in described:
         for _, _, data in bag.messages([other]):
             info = bag.decode(other, data)
-            if info.coding_format.lower() not in ('wave', 'wav', 'pcm', 'raw', ''):
-                raise BagError(f'{bag.path}: {topic} is coded as {info.coding_format}, expected uncompressed (wave)')
-            return AudioLayout(info.sample_rate, info.channels, info.sample_format.upper())
+            try:
+                if info.coding_format.lower() not in ('wave', 'wav', 'pcm', 'raw', ''):
+                    raise BagError(f'{bag.path}: {topic} is coded as {info.coding_format}, expected uncompressed (wave)')
+                return AudioLayout(info.sample_rate, info.channels, info.sample_format.upper())
+            except (AttributeError, TypeError):    # another package of this name has other fields
+                break
     raise BagError(f'{bag.path}: {topic} is {bag.topics[topic].kind}, which says neither rate nor channels; '
                    'give audio_rate, audio_channels and audio_format')

@@ -20,6 +20,7 @@ SECOND = 10**9  # ns
 CLOCK_TOLERANCE_S = 2.0
 SHORTEST = 4  # bytes of a message, those of its encapsulation: the middleware reads beyond the end of shorter ones
 MOST_WAITING = 100    # messages behind a stamp that may be wrong
+MOST_REASONS = 20     # why messages of a topic cannot be read, that are told apart: many name the size of a message
 # Topics with stamps of the rig's clock, by which another clock is recognised.
 CLOCKED = (names.AUDIO, names.DOA, *camera_topics(CAMERAS, names.DETECTIONS), names.ODOMETRY, names.BEARING)
 # Topics with hundreds of messages a second, which rosbags decodes three times as fast as rclpy.
@@ -94,7 +95,7 @@ class Feed:
             try:
                 found = self._converted(name, time_ns, data)
             except Exception as error:  # noqa: BLE001  fields of other types make libraries and converters raise any
-                self.problems[f'{topic}: {error}'] += 1
+                self._count(topic, f'{topic}: {error}')
                 continue
             for message, original in found:
                 yield BagRecord(name, now, message, original, segment)
@@ -103,6 +104,11 @@ class Feed:
     def lost(self) -> list[str]:
         """What could not be read, with the number of messages."""
         return [f'{count} message{"s" if count > 1 else ""} of {text}' for text, count in self.problems.items()]
+
+    def _count(self, topic: str, reason: str) -> None:
+        """Count a message of a topic that cannot be read for a reason."""
+        told = sum(text.startswith(f'{topic}: ') for text in self.problems)
+        self.problems[reason if reason in self.problems or told < MOST_REASONS else f'{topic}, for further reasons'] += 1
 
     def _converted(self, name: str, time_ns: int, data: bytes) -> list[tuple[Any, bytes]]:
         """Messages in the rig's type, as far as they are decoded, each with the recorded bytes where those are of that type."""

@@ -1,13 +1,14 @@
 import bag_messages as make
 import numpy as np
 import pytest
+from mcap.writer import CompressionType, Writer
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
-from av_bags.definitions import deserialiser, serialiser
+from av_bags.definitions import BagError, deserialiser, serialiser
 from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
@@ -60,6 +61,32 @@ def test_records_hold_messages_of_the_rigs_types(mixed):
     assert odometry.message.pose.pose.position.x == 3.0
     assert [problem.partition(': expected')[0] for problem in feed.problems] == [
         '/camera/image_raw/compressed: image of 20 bytes cannot be decoded']
+
+
+def test_a_description_of_audio_with_other_fields_is_none(tmp_path):
+    """Another package has the same name."""
+    writer = Writer(str(tmp_path / 'bag.mcap'), compression=CompressionType.NONE)
+    writer.start('ros2')
+    described = b'int32 format\nint16 channels\nint32 rate\nint32 chunk\n'
+    for time, (topic, kind, text) in enumerate((('/info', 'AudioInfo', described),
+                                                ('/audio/frames', 'AudioData', b'uint8[] data\n'))):
+        schema = writer.register_schema(f'audio_common_msgs/msg/{kind}', 'ros2msg', text)
+        writer.add_message(writer.register_channel(topic, 'cdr', schema), time, b'\0\1\0\0' + bytes(16), time)
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag, pytest.raises(BagError, match='neither rate nor channels; give audio_rate'):
+        Feed(bag, {'audio/frames': '/audio/frames'})
+
+
+def test_reasons_that_differ_in_each_message_are_not_all_kept(tmp_path):
+    with make.bag(tmp_path / 'bag') as write:
+        for number in range(200):
+            broken = make.image('jpeg')
+            broken.data = broken.data[:20 + number]
+            write('/camera/image_raw/compressed', make.EPOCH + 0.1 * number, broken)
+    with Bag(tmp_path / 'bag') as bag:
+        feed = Feed(bag, {'camera/image_raw': '/camera/image_raw/compressed'})
+        assert not list(feed) and sum(feed.problems.values()) == 200
+        assert len(feed.lost) < 30 and '180 messages of /camera/image_raw/compressed, for further reasons' in feed.lost
 
 
 def test_without_decoding_only_what_is_converted_becomes_a_message(mixed):
