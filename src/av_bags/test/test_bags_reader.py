@@ -235,8 +235,10 @@ def test_a_truncated_database_gives_an_error_or_a_part(tmp_path):
         assert 'bag cannot be read' in str(error)
 
 
-def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys):
-    whole, cut, mended = (tmp_path / name for name in ('whole.mcap', 'cut.mcap', 'mended.mcap'))
+@pytest.mark.parametrize('name', ['mended', '\udcff'])
+def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys, name):
+    """Also one whose name is not UTF-8."""
+    whole, cut, mended = (tmp_path / f'{name}.mcap' for name in ('whole', 'cut', name))
     write_in_chunks(whole, 'none')
     cut.write_bytes(whole.read_bytes()[:whole.stat().st_size // 2])
     assert repair_bag([str(cut), '--out', str(mended)]) == 0
@@ -244,7 +246,7 @@ def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys):
     with AnyReader([mended]) as reader:
         values = [reader.deserialize(data, make.ODOMETRY).pose.pose.position.x for _, _, data in reader.messages()]
     assert values == list(range(len(values)))
-    assert f'{len(values)} messages to {mended}' in captured.out
+    assert f'{len(values)} messages to {tmp_path}/{name.replace(chr(0xdcff), "?")}.mcap' in captured.out
     assert 'cut.mcap ends after byte' in captured.err
     assert repair_bag([str(tmp_path / 'nowhere'), '--out', str(tmp_path / 'x.mcap')]) == 1
 

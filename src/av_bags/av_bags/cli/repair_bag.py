@@ -25,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     for problem in problems:
         print(f'  ! {problem}', file=sys.stderr)
-    print(f'{sum(out.counts.values())} messages to {options.out}')
+    name = options.out.encode(errors='replace').decode()    # that of a file need not be UTF-8
+    print(f'{sum(out.counts.values())} messages to {name}')
     return 0
 
 
