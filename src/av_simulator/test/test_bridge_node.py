@@ -60,6 +60,8 @@ def rig():
     bridge.spin_while_coming()
     bridge.end = time.time()
     bridge.fed = {name: list(messages) for name, messages in bridge.received.items()}
+    bridge.received['/diagnostics'].clear()    # the next ones count all that was sent
+    bridge.told = bridge.values()
     bridge.sent = simulator.result()
     source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     image, depth = np.zeros((48, 64, 3), np.uint8), np.full((48, 64), 65_535, np.uint16)
@@ -88,12 +90,13 @@ def test_without_a_simulator_the_node_says_so(rig):
 
 
 def test_everything_is_published(rig):
+    """But reports of images that came too late to be dated, as it happens where the machine stalls: they are counted."""
     skip_figures_where_overloaded()
     counts = {name: len(messages) for name, messages in rig.fed.items()}
     assert counts['audio/frames'] >= 20
     assert counts['odometry'] == counts['truth/rig'] >= 380
     assert counts['truth/target'] >= 380 and counts['truth/target_3'] >= 380 and counts['imu'] >= 300
-    assert counts['detections'] >= 0.9 * rig.sent.images
+    assert counts['detections'] >= 0.9 * (rig.sent.images - int(rig.told['image camera undated']))
     sound = rig.fed['audio/frames']
     assert {(message.sample_rate, message.channels) for message in sound} == {(48_000, 2)}
     assert sum(len(message.samples) for message in sound) == 2 * rig.sent.audio_frames
