@@ -18,7 +18,7 @@ SYNC_PERIODS = 4  # of writing: once a second
 
 
 class BackgroundWriter:
-    """Accepts messages from any thread and writes them to a bag from its own thread, several times a second.
+    """Accepts messages from one thread and writes them to a bag from its own thread, several times a second.
 
     While the disk is full or slow, messages wait in memory up to `queue_bytes`. Further messages are dropped and
     counted. Writing resumes as soon as the disk accepts data.
@@ -41,7 +41,7 @@ class BackgroundWriter:
         self.bag = BagWriter(path, compression)
         self._queue_bytes = queue_bytes
         self._queue: deque[tuple[str, int, bytes]] = deque()
-        self._queued = 0
+        self._put = self._taken = 0    # bytes until now; each is counted by one thread only
         self._encoders: dict[str, Encoder] = {}
         self.dropped = self.unencoded = 0
         self.problem = self.encoding_problem = ''
@@ -70,10 +70,10 @@ class BackgroundWriter:
             time_ns (ns): time of recording.
             data: the message in CDR, before encoding.
         """
-        if self._queued + self.bag.waiting + len(data) > self._queue_bytes:
+        if self._put - self._taken + self.bag.waiting + len(data) > self._queue_bytes:
             self.dropped += 1
             return
-        self._queued += len(data)
+        self._put += len(data)
         self._queue.append((topic, time_ns, data))
 
     def close(self) -> None:
@@ -100,7 +100,7 @@ class BackgroundWriter:
     def _drain(self) -> None:
         for _ in range(len(self._queue)):
             topic, time_ns, data = self._queue.popleft()
-            self._queued -= len(data)
+            self._taken += len(data)
             try:
                 encoded = self._encoders[topic](data) if topic in self._encoders else data
             except Exception as error:  # noqa: BLE001  whatever a message from outside makes an encoder raise

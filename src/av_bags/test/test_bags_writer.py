@@ -189,6 +189,24 @@ def test_no_message_that_cannot_be_encoded_ends_the_writer(tmp_path):
     assert recording.encoding_problem == '/image: not an image'
 
 
+def test_what_is_written_while_a_message_is_queued_leaves_the_queue(tmp_path):
+    class Data(bytes):
+        asked = 0
+
+        def __len__(self):
+            self.asked += 1
+            if self.asked == 2:    # as it is added to what waits
+                wait_for(lambda: recording.bag.counts['/text'] == 1)
+            return super().__len__()
+
+    recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none', queue_bytes=2000)
+    recording.add_topic('/text', 'std_msgs/msg/String')
+    for data in (bytes(900), Data(8), bytes(1500)):
+        recording.put('/text', 1, data)
+    recording.close()
+    assert recording.dropped == 0 and recording.bag.counts == {'/text': 3}
+
+
 def a_disk_that_stays_full(tmp_path):
     recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none', queue_bytes=20_000)
     recording.add_topic('/odometry', make.ODOMETRY)
