@@ -3,12 +3,13 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import TransformStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Image
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
 from av_bags.nodes.recorder_node import RecorderNode, compress, numbered
@@ -62,6 +63,13 @@ class Rig:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
+
+
+def wait_until(condition, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'the condition was not met in time'
+        time.sleep(0.02)
 
 
 @pytest.mark.parametrize('data', [b'', b'\0'])
@@ -118,6 +126,42 @@ def test_records_streams_results_and_latched_topics_that_appear_late_or_early(ri
     assert read['/rig_1/tf_static'][0].transforms[0].child_frame_id == 'microphones'
     assert durability['/rig_1/tf_static'] == 'TRANSIENT_LOCAL'
     assert durability['/rig_1/target/bearing'] == 'VOLATILE'
+
+
+def test_the_rigs_type_is_recorded_where_a_topic_has_several_and_others_are_reported(rig, tmp_path):
+    rig, context = rig(), rclpy.Context()
+    rclpy.init(context=context)    # within a process the middleware refuses a second type
+    other = rclpy.create_node('other', context=context, namespace='rig_1')
+    for name in ('target/bearing', 'marks'):
+        other.create_publisher(String, name, RESULT)
+    wait_until(lambda: rig.recorder.get_publishers_info_by_topic('/rig_1/target/bearing'))
+    bearing = rig.sender.create_publisher(Bearing, 'target/bearing', RESULT)
+    rig.publish(bearing, [Bearing()] * 3)
+    rig.spin_until(lambda: rig.recorded() == 3)
+    status = DiagnosticStatusWrapper()
+    rig.recorder.diagnose(status)
+    assert '/rig_1/target/bearing is recorded as av_interfaces/msg/Bearing: std_msgs/msg/String is left out' in status.message
+    assert '/rig_1/marks' not in status.message    # of any type
+    rig.close()
+    other.destroy_node()
+    rclpy.shutdown(context=context)
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        assert bag.topics['/rig_1/target/bearing'].count == 3
+
+
+def test_after_a_disk_that_was_full_at_the_end_another_bag_begins(rig, tmp_path, monkeypatch):
+    rig = rig()
+    rig.spin_until(lambda: rig.recorder.is_active)
+    close = rig.recorder._writer.close
+
+    def full():
+        close()
+        raise OSError('No space left on device')
+
+    monkeypatch.setattr(rig.recorder._writer, 'close', full)
+    rig.recorder.trigger_deactivate()
+    rig.recorder.trigger_activate()
+    assert rig.recorder.is_active and (tmp_path / 'bag_1.mcap').exists()
 
 
 @pytest.mark.parametrize(('images', 'topic'), [('raw', '/rig_1/camera/image_raw'),

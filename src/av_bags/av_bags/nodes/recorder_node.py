@@ -19,6 +19,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from av_bags.background_writer import BackgroundWriter
 from av_bags.nodes.recorder_node_parameters import recorder_node as parameters
+from av_bags.topics import KINDS
 from av_bags.writer import DEFAULT_QOS
 from av_common.guarded_node import decode
 from av_common.launched import restarts
@@ -68,6 +69,8 @@ class RecorderNode(RigNode):
     def activate(self) -> None:
         """Create the bag and start to look for topics."""
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
+        self._known = {self.resolve_topic_name(name): kinds for name, kinds in KINDS.items()}
+        self._kinds: dict[str, str] = {}    # of the topics that are recorded
         self._unusable: dict[str, str] = {}
         path = numbered(datetime.now().strftime(self._settings.path), self._number)
         self._writer = BackgroundWriter(path)
@@ -75,9 +78,9 @@ class RecorderNode(RigNode):
         self.create_steady_timer(DISCOVERY_PERIOD_S, self._find_topics)
 
     def deactivate(self) -> None:
-        """Finish the bag."""
-        self._writer.close()
+        """Finish the bag. Raises OSError when the disk refuses its end."""
         self._number += 1
+        self._writer.close()
         count = sum(self._writer.bag.counts.values())
         self.get_logger().info(f'recorded {count} messages, {1e-6 * self._writer.bag.bytes_written:.1f} MB, '
                                f'to {self._writer.bag.file}')
@@ -96,8 +99,13 @@ class RecorderNode(RigNode):
                     self.get_logger().error(f'{name} is not recorded: {error}')
 
     def _record(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
-        """Subscribe to a topic. Raises ValueError, ImportError or AttributeError when its type is not installed."""
-        kind = publishers[0].topic_type
+        """Subscribe to a topic; of several types to the rig's own, else to the first one.
+
+        Raises ValueError, ImportError or AttributeError when it is not installed.
+        """
+        kinds = [publisher.topic_type for publisher in publishers]
+        kind = next((kind for kind in self._known.get(name, ()) if kind in kinds), kinds[0])
+        publishers = [publisher for publisher in publishers if publisher.topic_type == kind]
         recorded_as, recorded_kind, encode = name, kind, None
         is_image = kind == 'sensor_msgs/msg/Image'
         if is_image and self._settings.images != 'raw':
@@ -112,12 +120,17 @@ class RecorderNode(RigNode):
         put, clock = self._writer.put, self.get_clock()
         self.create_subscription(get_message(kind), name,
                                  lambda data: put(recorded_as, clock.now().nanoseconds, data), qos, raw=True)
+        self._kinds[name] = kind
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report recorded and lost messages."""
         writer = self._writer
         for name, why in self._unusable.items():
             status.mergeSummary(DiagnosticStatus.WARN, f'{name} is not recorded: {why}')
+        for name, kind in self._kinds.items():
+            others = ', '.join(sorted({each.topic_type for each in self.get_publishers_info_by_topic(name)} - {kind}))
+            if others:
+                status.mergeSummary(DiagnosticStatus.WARN, f'{name} is recorded as {kind}: {others} is left out')
         for count, why in ((writer.dropped, 'the disk is too slow'), (writer.unencoded, writer.encoding_problem)):
             if count:
                 status.mergeSummary(DiagnosticStatus.WARN, f'{count} messages lost: {why}')
