@@ -67,7 +67,7 @@ class StateMachine:
             heard (s): capture time of the newest direction of arrival that supports the target; None: of any.
         """
         recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
-        self.sight_confidence = max((score for at, score in self._sights.values() if time - at <= SIGHT_TIMEOUT_S), default=0.0)
+        self.sight_confidence = max([score for at, score in self._sights.values() if time - at <= SIGHT_TIMEOUT_S], default=0.0)
         self.sound_confidence = self._heard if time - self._newest_doa <= SOUND_TIMEOUT_S else 0.0
         if not tracked:
             wanted = State.NONE
