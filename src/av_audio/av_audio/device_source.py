@@ -162,5 +162,6 @@ class DeviceSource:
                 continue
 
     def _end_process(self) -> None:
-        self._process.kill()
-        self._process.communicate()
+        """End the process, also one that has been ended: after a device was lost, `stop` does so again."""
+        with self._process:
+            self._process.kill()

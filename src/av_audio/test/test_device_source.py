@@ -1,6 +1,7 @@
 """What DeviceSource makes of the blocks of its capturing process, with a clock that is known."""
 
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -86,6 +87,18 @@ def test_warnings_of_drivers_without_end_do_not_stop_the_capture(monkeypatch):
     source._command = [sys.executable, '-c', program.format('sys.exit(1)')]
     with pytest.raises(ValueError, match='^no card$'):
         source._open()
+
+
+def test_a_device_that_is_lost_can_be_closed(monkeypatch):
+    monkeypatch.setattr(device_source, 'RETRY_S', 60.0)
+    source = DeviceSource('', RATE)
+    source._command = [sys.executable, '-c', 'print("ready", flush=True)']
+    source.start(RingBuffer(2))
+    end = time.monotonic() + 60.0
+    while not source.lost and time.monotonic() < end:
+        time.sleep(0.01)
+    source.stop()
+    assert source.lost
 
 
 def test_an_overflow_that_lost_nothing_leaves_no_gap():
