@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +127,6 @@ class FileSource:
         self.finished = False
         if not len(read_block(self._file, 1)):
             raise ValueError(f'sound file {path} is empty')
-        self._file.seek(0)
 
     def start(self, buffer: RingBuffer, begin: float | None = None) -> None:
         """Start a thread that writes into the buffer.
@@ -147,7 +147,6 @@ class FileSource:
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
-        self._rewind()
 
     def close(self) -> None:
         """Stop and close the file."""
@@ -162,34 +161,39 @@ class FileSource:
         """Write each block when its last sample is due. The first sample is due in `lead` s, or was before."""
         begin = time.monotonic() + lead
         sent = max(0, int(-lead * self.sample_rate) // self._block * self._block)
-        if self._file.frames == FRAMES_UNKNOWN:  # nor can it seek beyond
-            for _ in range(sent // self._block):
-                self._read_block()
-        else:
-            self._file.seek(sent % self._file.frames if self._loop else min(sent, self._file.frames))
-        while not self._stop.is_set():
-            samples = self._read_block()
-            if not len(samples):
-                self.finished = True
-                return
+        for samples in self._blocks(sent):
             due = begin + (sent + len(samples)) / self.sample_rate
             if self._stop.wait(max(0.0, due - time.monotonic())):
                 return
             buffer.write(samples, sent)
             sent += len(samples)
+        self.finished = True
+
+    def _blocks(self, first: int) -> Iterator[NDArray]:
+        """Blocks (n, channels) from a sample of the stream on; they also end where the file is gone, as with its disk."""
+        with suppress(OSError, ValueError, soundfile.LibsndfileError):
+            if self._file.frames == FRAMES_UNKNOWN:  # nor can it seek beyond
+                self._rewind()
+                for _ in range(first // self._block):
+                    self._read_block()
+            else:
+                self._file.seek(first % self._file.frames if self._loop else min(first, self._file.frames))
+            while len(block := self._read_block()):
+                yield block
 
     def _read_block(self) -> NDArray:
         """The next block (n, channels); shorter at the end of the file, empty after it. A loop joins end and beginning."""
         blocks = []
-        missing = self._block
+        missing, rewound = self._block, False
         while missing:
             block = read_block(self._file, missing)
             blocks.append(block)
             missing -= len(block)
-            if missing and not self._loop:
+            if missing and (not self._loop or (rewound and not len(block))):  # one that was truncated to nothing has no loop
                 break
             if missing:
                 self._rewind()
+                rewound = True
         return np.concatenate(blocks)[:, self._picked]
 
     def _rewind(self) -> None:

@@ -1,6 +1,7 @@
 """A file as a source in real time."""
 
 import io
+import os
 import struct
 import time
 from pathlib import Path
@@ -172,6 +173,26 @@ def test_a_stream_whose_header_states_no_length_is_read_to_its_last_sample(tmp_p
     first, block = buffer.read(1600)
     source.close()
     np.testing.assert_allclose(block, np.roll(samples, -(first % len(samples)), axis=0)[:len(block)], atol=1e-4)
+
+
+@pytest.mark.parametrize(('kind', 'subtype'), [('WAV', 'FLOAT'), ('FLAC', 'PCM_16'), ('OGG', 'VORBIS'), ('stream', 'PCM_16')])
+def test_a_loop_ends_where_its_file_is_truncated(tmp_path, kind, subtype):
+    """Or gone with its disk: the player says that it has ended, and can be stopped."""
+    content, _ = written('FLAC' if kind == 'stream' else kind, subtype, seconds=0.3)
+    if kind == 'stream':    # whose header states no length
+        content[21] &= 0xF0
+        content[22:26] = bytes(4)
+    path = tmp_path / 'sound'
+    path.write_bytes(content)
+    source, buffer = FileSource(path, block_samples=160, loop=True), RingBuffer(2)
+    source.start(buffer)
+    assert buffer.wait(10.0)
+    os.truncate(path, 44)
+    end = time.monotonic() + 10.0
+    while not source.finished and time.monotonic() < end:
+        time.sleep(0.01)
+    assert source.finished
+    source.close()
 
 
 def test_the_killed_recorder_of_the_field():
