@@ -26,6 +26,7 @@ from av_interfaces.msg import AudioFrame, DoaArray
 
 LONGEST_FRAME_S = 10.0  # the longest window
 OWN_SOUND_S = 5.0  # over which the share of own sound is averaged
+MOST_MOTORS = 64  # of one rig; each takes time in each window
 
 
 class DoaStage:
@@ -103,7 +104,12 @@ class DoaStage:
             self._health.clear()
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
-        """Take the speeds of the motors in rad/s, which hold for 1 s. Signs, and values that are not finite, do not matter."""
+        """Take the speeds of the motors in rad/s, which hold for 1 s. Signs, and values that are not finite, do not matter.
+
+        Raises ValueError for more than MOST_MOTORS.
+        """
+        if len(message.data) > MOST_MOTORS:
+            raise ValueError(f'{len(message.data)} motors, expected at most {MOST_MOTORS}')
         if not self._rotor_blades:
             return
         speeds = np.abs(np.asarray(message.data, dtype=float))
@@ -170,12 +176,11 @@ class DoaStage:
         """The localizer of a sample rate in Hz and of the channels that are all right; a new one begins a new window."""
         if self._health is None or self.sample_rate != rate:
             self._wind, self._health = WindMeter(self._array, rate), ChannelHealth(self._array.channels, rate, self._array)
-            self._localizer = None
+            self._localizer, self.sample_rate = None, float(rate)
             self.ego_noise.begin_stream(rate)
         usable = self._health.usable
         if self._localizer is None or usable != self._usable:
             self._localizer, self._usable = self._localizer_of(usable, rate), usable
-        self.sample_rate = float(rate)
         return self._localizer
 
     def _localizer_of(self, usable: list[int], rate: int) -> Localizer:

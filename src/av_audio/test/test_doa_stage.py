@@ -105,6 +105,18 @@ def test_frames_that_do_not_fit_are_refused(changes, words):
     assert len(feed(stage, samples)) == 2
 
 
+def test_a_frame_of_a_rate_that_is_refused_leaves_nothing_behind():
+    """Channels were judged by it from then on: those of a source 8 degrees from ahead were said to be inverted."""
+    stage, samples = DoaStage(PAIR), 0.1 * flat(np.random.default_rng(1), 3.0, np.array([0.0, 4 / RATE])).astype(np.float32)
+    feed(stage, samples[:RATE])
+    stray = next(frames(samples))
+    stray.sample_rate = 4000
+    with pytest.raises(ValueError, match='half of the sample rate'):
+        stage.on_audio(stray, 0.0)
+    messages = feed(stage, samples, first_sample=RATE, stamp=101.0)
+    assert not stage.faults and all(message.hypotheses[0].confidence > 0.9 for message in messages)
+
+
 def test_a_source_of_another_format_is_reported():
     stage, samples = DoaStage(PAIR), sound(1.0)
     feed(stage, samples)
@@ -156,6 +168,11 @@ def test_motor_speeds_that_end_are_forgotten():
     assert len(stage.blade_pass_hz)
     feed(stage, sound(0.3), first_sample=round(0.9 * RATE), stamp=100.9)
     assert not len(stage.blade_pass_hz)
+
+
+def test_a_message_of_a_million_motors_is_refused():
+    with pytest.raises(ValueError, match='1000000 motors, expected at most 64'):
+        DoaStage(PAIR, rotor_blades=2).on_motor_speeds(Float32MultiArray(data=array('f', bytes(4_000_000))))
 
 
 def test_a_stage_is_made_of_the_parameters_of_doa_node(tmp_path):
