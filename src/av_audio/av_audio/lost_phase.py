@@ -23,6 +23,7 @@ LOWEST_HZ = 500.0    # codes keep the phases below
 # 0.5 where Vorbis and Opus have removed phases (the tests of this module repeat it).
 LEAST_RATIO = 0.6
 FEWEST_BANDS = 2    # of 15: codes remove whole ranges
+FEWEST_BLOCKS = 7    # of a window of 80 ms: medians of fewer have such ratios by chance, in up to 20 % of windows below
 ROUNDING = 1e-7    # of the samples, relative: channels that are equal have neither deviation
 
 
@@ -35,13 +36,14 @@ def has_lost_phases(window: NDArray, sample_rate: float) -> bool:
     frequencies = fft.rfftfreq(length, 1.0 / sample_rate)
     edges = np.arange(LOWEST_HZ, min(HIGHEST_HZ, CONVERTED_SHARE * sample_rate / 2.0) + 1.0, BAND_HZ)
     starts = np.searchsorted(frequencies, edges)
+    ratio = LEAST_RATIO if blocks.shape[1] >= FEWEST_BLOCKS else 0.0
     magnitudes = np.log(np.maximum(np.abs(spectra), TINY))
     for first, second in pairwise(range(len(window))):
         phases = np.abs(np.angle(spectra[first] * spectra[second].conj()))
         levels = magnitudes[first] - magnitudes[second]
         levels -= np.median(levels, axis=1, keepdims=True)    # of an automatic gain
         levels = np.abs(levels - np.median(levels, axis=0))    # of the microphones' responses
-        lost = [np.median(phases[:, low:high]) <= LEAST_RATIO * np.median(levels[:, low:high]) + ROUNDING
+        lost = [np.median(phases[:, low:high]) <= ratio * np.median(levels[:, low:high]) + ROUNDING
                 for low, high in pairwise(starts)]
         if np.count_nonzero(lost) >= FEWEST_BANDS:
             return True

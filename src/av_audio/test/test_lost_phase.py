@@ -74,6 +74,13 @@ def test_sound_from_ahead_has_no_delay_and_is_believed(kind, change, snr_db):
     assert not any(has_lost_phases(window.astype(np.float32), RATE) for window in windows)
 
 
+@pytest.mark.parametrize('milliseconds', [30, 50, 60])
+def test_short_windows_from_ahead_are_believed(milliseconds):
+    sound, count = target(np.random.default_rng(7), 0.0, 'noise', 8.0, 60.0).astype(np.float32), 48 * milliseconds
+    windows = [sound[k:k + count].T for k in range(0, len(sound) - count, 2560)]
+    assert not any(has_lost_phases(window, RATE) for window in windows)
+
+
 @pytest.mark.parametrize('rate', [8000, 16_000, 44_100])
 def test_one_microphone_in_both_channels(tmp_path, capsys, rate):
     sound = np.repeat(0.1 * np.random.default_rng(5).normal(size=(2 * rate, 1)), 2, axis=1)
