@@ -18,6 +18,8 @@ from av_common.clock import CHASE, STEP_S
 from av_common.node import RigNode, run
 from av_common.playback import Playback
 from av_common.qos import STREAM
+from av_common.rate_meter import RateMeter
+from av_common.refused_inputs import RECENT_S
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
 
@@ -49,6 +51,7 @@ class AudioNode(RigNode):
 
     def _new_stream(self) -> None:
         self._buffer = RingBuffer(self._source.channels, max(BUFFER_BYTES, 2 * SAMPLE_BYTES * BLOCK * self._source.channels))
+        self._losses, self._lost = RateMeter(), 0
         self._playback = Playback(self.get_name())
         self._started, self._stamped = False, -math.inf
 
@@ -109,8 +112,11 @@ class AudioNode(RigNode):
                 status.mergeSummary(DiagnosticStatus.ERROR, 'the device has disappeared, trying to open it again')
         if source.finished:
             problems.append('the file has ended')
-        if self._buffer.overwritten:
-            problems.append(f'{self._buffer.overwritten} samples lost, the machine is too slow')
+        if self._buffer.overwritten > self._lost:
+            self._lost = self._buffer.overwritten
+            self._losses.tick()
+        if self._losses.age <= RECENT_S:
+            problems.append(f'{self._lost} samples lost, the machine is too slow')
         if problems:
             status.mergeSummary(DiagnosticStatus.WARN, '; '.join(problems))
 

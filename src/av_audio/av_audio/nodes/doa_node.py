@@ -19,6 +19,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import MISSING_AFTER_S, RateMeter
+from av_common.refused_inputs import RECENT_S
 from av_interfaces.msg import AudioFrame, DoaArray
 
 
@@ -41,15 +42,16 @@ class DoaNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe."""
-        self._frames, self._motor_speeds = RateMeter(), RateMeter()
+        self._frames, self._motor_speeds, self._without_phases = RateMeter(), RateMeter(), RateMeter()
         self.create_subscription(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self.refuse_second_publishers('audio/frames', *(['motor_speeds'] if self._needs_motor_speeds else []))
         self.create_subscription(Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
         self.create_service(Trigger, '~/learn_ego_noise', self._on_learn_ego_noise)
 
     def deactivate(self) -> None:
-        """Discard the samples of unfinished windows, and what was learned of the rig's noise."""
+        """Discard the samples of unfinished windows, motor speeds, and what was learned of the rig's noise."""
         self._stage.ego_noise.forget()
+        self._stage.on_motor_speeds(Float32MultiArray())
         self._stage.reset()
 
     @staticmethod
@@ -61,19 +63,19 @@ class DoaNode(RigNode):
             check_hearing(settings, MicrophoneArray.load(settings.array_file))
 
     def check_change(self, settings: Any) -> None:
-        """The band must be below half of the sample rate of the newest frames."""
+        """The band must not reach beyond half of the sample rate of the newest frames."""
         nyquist = 0.5 * self._stage.sample_rate
-        if nyquist and not settings.band_high < nyquist:
-            raise ValueError(f'band_high is {settings.band_high:g} Hz, expected below half of the sample rate ({nyquist:g})')
+        if nyquist and not settings.band_high <= nyquist:
+            raise ValueError(f'band_high is {settings.band_high:g} Hz, expected at most half of the sample rate ({nyquist:g})')
 
     def apply_parameters(self) -> None:
         """Use the new settings from the next window on."""
         self._stage.settings = localizer_settings(self.settings)
 
     def _on_motor_speeds(self, message: Float32MultiArray) -> None:
+        self._stage.on_motor_speeds(message)
         self._motor_speeds.tick()
         self._rotors_turn = any(abs(speed) > 0.0 for speed in message.data)
-        self._stage.on_motor_speeds(message)
 
     def _on_learn_ego_noise(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._stage.ego_noise.begin()
@@ -84,8 +86,11 @@ class DoaNode(RigNode):
         self._frames.tick()
         if self.contested:
             return
+        before = self._stage.without_phases
         for message in self._stage.on_audio(frame, self.now()):
             self._publisher.publish(message)
+        if self._stage.without_phases > before:
+            self._without_phases.tick()
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Rate of frames, and level."""
@@ -113,7 +118,7 @@ class DoaNode(RigNode):
         if self._needs_motor_speeds and self._motor_speeds.age > MISSING_AFTER_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
         self._diagnose_own_sound(status)
-        if self._stage.without_phases:
+        if self._without_phases.age <= RECENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
         for fault in self._stage.faults:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_severe else DiagnosticStatus.WARN, str(fault))
