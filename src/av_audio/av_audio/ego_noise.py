@@ -66,9 +66,10 @@ class NoiseRecording(NamedTuple):
             raise ValueError(f'{self.name} has samples that are not finite')
         if not self.samples.any(axis=0).all():
             raise ValueError(f'{self.name} has a silent channel')
-        start = self.samples[:round(MIN_DURATION_S * sample_rate)].T.astype(float)
-        if same := copies(start - start.mean(axis=1, keepdims=True)):
-            raise ValueError(f'{self.name} has the same sound in channels {", ".join(map(str, same[0]))}: one microphone')
+        for piece in np.array_split(self.samples, int(len(self.samples) / (MIN_DURATION_S * sample_rate))):  # some are silent
+            sound = piece.T.astype(float)
+            if same := copies(sound - sound.mean(axis=1, keepdims=True)):
+                raise ValueError(f'{self.name} has the same sound in channels {", ".join(map(str, same[0]))}: one microphone')
 
     def windows(self, length: int) -> list[NDArray[np.float32]]:
         """Windows (m, length) that overlap by half, without silent ones. Raises ValueError when there is none."""

@@ -107,6 +107,7 @@ def test_bands_in_which_a_codec_left_nothing_count_for_nothing(rounding):
     (np.zeros((1600, 2)), RATE, 'my.wav lasts 0.1 s, expected 2 s or more'),
     (np.full((48_000, 2), np.nan), RATE, 'my.wav has samples that are not finite'),
     (np.ones((48_000, 2)) * [1.0, 0.0], RATE, 'my.wav has a silent channel'),
+    (np.sin(np.maximum(np.arange(80_000) - 40_000, 0))[:, None] * [1.0, 0.5], RATE, 'my.wav has the same sound in channels 0'),
 ])
 def test_a_recording_that_does_not_fit_is_refused(samples, rate, complaint):
     """By name, and with what would be right."""
