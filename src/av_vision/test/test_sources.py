@@ -315,6 +315,33 @@ def test_unplugging_is_survived():
     assert capture.reconnections >= 3
 
 
+def test_errors_of_drivers_and_libraries_are_survived(tmp_path):
+    """A camera that is unplugged while an image is converted raises what its SDK raises; names need not be UTF-8."""
+    class Failing(Unplugged):
+        def read(self):
+            if self.openings == 1:
+                raise RuntimeError('of the\nSDK')
+            return super().read()
+
+    images = []
+    capture = Capture(Failing(), images.append, retry_s=0.05)
+    capture.start()
+    wait_for(lambda: images)
+    capture.stop()
+    (tmp_path / os.fsdecode(b'\xfe.png')).write_bytes(b'none')
+    capture = Capture(FileSource(tmp_path), images.append)
+    capture.start()
+    wait_for(lambda: b'?.png (4 bytes) cannot be read' in capture.problem.encode())
+    capture.stop()
+
+
+def wait_for(condition, limit_s=60.0):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, 'the condition was not met in time'
+        time.sleep(0.01)
+
+
 def test_images_are_played_in_the_order_of_their_numbers(tmp_path):
     """As people count: 2 before 10, also in the middle of a name; what macOS leaves beside each file is none."""
     names = ['Cam-9 shot2.png', 'cam-10 shot1.PNG', 'cam-9 shot10.png', 'cam-9 shot1.png', 'cam-09 shot11.png', 'dusk.png',

@@ -110,6 +110,22 @@ def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
     assert np.array_equal(np.rint(frames) % 30, np.diff(levels) % 30)
 
 
+def test_an_image_that_cannot_be_published_is_told_and_the_next_is(rig, tmp_path, monkeypatch):
+    cv2.imwrite(str(tmp_path / '0.png'), np.zeros((8, 8), np.uint8))
+    refused = [ValueError('of no known type')]
+
+    def failing_at_first(*given):
+        if refused:
+            raise refused.pop()
+        return image_message(*given)
+
+    monkeypatch.setattr('av_vision.nodes.camera_node.image_message', failing_at_first)
+    images, status = rig.collect(Image, 'camera/image_raw', IMAGE), rig.collect(DiagnosticArray, '/diagnostics', 10)
+    rig.start(CameraNode, file=str(tmp_path), loop=True)
+    rig.spin_until(lambda: images and any('image refused: of no known type' in one.message
+                                          for message in status for one in message.status))
+
+
 def test_a_calibration_of_other_images_is_refused_with_both_sizes(rig, tmp_path):
     path, calibration = tmp_path / 'video.avi', tmp_path / 'wide.yaml'
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 20.0, (64, 48))

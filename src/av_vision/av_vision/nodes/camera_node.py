@@ -97,7 +97,7 @@ class CameraNode(RigNode):
         """Begin to capture."""
         self._rate, self._misfit = RateMeter(), ''
         self._playback = Playback(self.get_name())
-        self._capture = Capture(self._source, self._publish)
+        self._capture = Capture(self._source, self._take)
         self._capture.start()
 
     def deactivate(self) -> None:
@@ -110,6 +110,12 @@ class CameraNode(RigNode):
         """When a file begins (s), None while that is not known."""
         subscribers = self.get_subscriptions_info_by_topic(self._images.topic_name)
         return self._playback.begin({info.node_name for info in subscribers}, self.now())
+
+    def _take(self, image: CapturedImage) -> None:
+        try:
+            self._publish(image)
+        except Exception as error:  # noqa: BLE001  this thread is not one that the node guards
+            self.refused.refuse('image', error)
 
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()

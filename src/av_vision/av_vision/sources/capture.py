@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
+from av_common.files import one_line
 
 STALE_S = 2.0   # without an image, after which camera_node and detector_node warn
 OLDEST_S = 1.0  # age from which a driver's time is none of CLOCK_MONOTONIC
@@ -85,8 +86,9 @@ class Capture:
             try:
                 self._source.open()
                 self._read_all()
-            except SourceError as error:
-                self.problem = str(error)
+            except Exception as error:  # noqa: BLE001  drivers and libraries raise others than SourceError
+                text = one_line(error if isinstance(error, SourceError) else repr(error))
+                self.problem = text.encode(errors='replace').decode()    # names of files need not be UTF-8, messages must
                 self.reconnections += 1
                 self._stop.wait(self._retry_s)
             finally:
