@@ -86,7 +86,6 @@ class MultiTargetTracker:
                                                 self.settings.filter.sound_floor_sigma, self.motion)
         self._confirm = self.settings.confirm_threshold
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
-        self._wanted = 0  # by a person: that is not waited for
         self.reset()
 
     @property
@@ -160,8 +159,8 @@ class MultiTargetTracker:
             self._image = NO_CAMERA
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
         found = [target for track in tracks.values() if (target := self._target(time, track)) is not None]
-        known = [target for target in found
-                 if len(found) < 2 or target.id == self._wanted or self._is_judged(time, target, tracks)]
+        known = [target for target in found  # what a person wants is not waited for
+                 if len(found) < 2 or target.id == self._selection.wanted or self._is_judged(time, target, tracks)]
         chosen = self._selection.choose(known)
         self._targets = Targets(time, tuple(found), chosen)
         followed = next((target for target in found if target.id == chosen), None)
@@ -205,7 +204,6 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         if identifier and all(target.id != identifier for target in self._targets.targets):
             raise ValueError(f'target {identifier} is not tracked')
-        self._wanted = identifier
         self._selection.want(identifier)
 
     def tune(self, tau: float, confirm_threshold: float) -> None:

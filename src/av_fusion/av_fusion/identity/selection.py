@@ -37,6 +37,9 @@ class Selection:
 
     Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
 
+    Attributes:
+        wanted: id of the target that a person wants, as long as it is tracked; 0 for none.
+
     Parameters:
         policy: one of POLICIES.
         threshold: probability of a drone from which a target is followed.
@@ -48,11 +51,11 @@ class Selection:
         if policy not in POLICIES:
             raise ValueError(f'policy {policy!r}, expected one of {", ".join(POLICIES)}')
         self._small, self.threshold = POLICIES[policy], threshold
-        self._followed = self._wanted = 0
+        self._followed = self.wanted = 0
 
     def want(self, identifier: int) -> None:
         """Follow the target with this id while it is tracked; 0: by the policy."""
-        self._wanted = identifier
+        self.wanted = identifier
 
     def is_followed(self, target: Target) -> bool:
         """Whether a target is one to follow."""
@@ -60,10 +63,10 @@ class Selection:
 
     def choose(self, targets: Sequence[Target]) -> int:
         """The id of the target to follow of all that are tracked, 0 where there is none."""
-        if self._wanted in [target.id for target in targets]:
-            self._followed = self._wanted
+        if self.wanted in [target.id for target in targets]:
+            self._followed = self.wanted
             return self._followed
-        self._wanted = 0
+        self.wanted = 0
         utility = {target.id: self._utility(target) for target in targets if self.is_followed(target)}
         best = max(utility, key=utility.__getitem__, default=0)
         if self._followed not in utility or utility[best] > MARGIN * utility[self._followed]:
