@@ -116,32 +116,35 @@ def test_a_header_is_no_licence_to_take_the_sound_over(first, then):
     assert set(bench.obeyed) == {LEVEL}
 
 
-@pytest.mark.parametrize('stream', ['bare audio', 'time sync'])
-def test_a_stream_is_handed_over_after_a_step_back_of_the_clock(stream, monkeypatch):
-    """The machine's clock is set back by an hour while the simulator starts again."""
+def after_a_step_back(stream, monkeypatch, before, after):
+    """What is obeyed of a simulator that starts again while the machine's clock is set back by an hour.
+
+    Parameters:
+        stream: see `Bench`.
+        before, after: numbers of the datagrams of the first and the second simulator.
+    """
     bench = Bench(stream)
-    for number in range(100, 150):
+    for number in before:
         bench.take(FIRST, number, LEVEL)
     bench.obeyed.clear()
     monkeypatch.setitem(globals(), 'EPOCH', EPOCH - 3600.0)
-    for number in range(200, 300):
+    for number in after:
         with contextlib.suppress(WireError):
             bench.take(OTHER_PORT, number, FALSE)
-    assert LEVEL not in bench.obeyed and len(bench.obeyed) > 40
+    return bench.obeyed
+
+
+@pytest.mark.parametrize('stream', ['bare audio', 'time sync'])
+def test_a_stream_is_handed_over_after_a_step_back_of_the_clock(stream, monkeypatch):
+    obeyed = after_a_step_back(stream, monkeypatch, range(100, 150), range(200, 300))
+    assert LEVEL not in obeyed and len(obeyed) > 40
 
 
 @pytest.mark.parametrize('stream', ['rig truth', 'target truth', 'imu', 'gimbal'])
 def test_states_of_a_restarted_simulator_are_new_after_a_step_back_of_the_clock(stream, monkeypatch):
     """Though their stamps begin anew and their dates are those of an hour ago."""
-    bench = Bench(stream)
-    for number in range(400, 500):
-        bench.take(FIRST, number, LEVEL)
-    bench.obeyed.clear()
-    monkeypatch.setitem(globals(), 'EPOCH', EPOCH - 3600.0)
-    for number in range(10, 210):
-        with contextlib.suppress(WireError):
-            bench.take(OTHER_PORT, number, FALSE)
-    assert LEVEL not in bench.obeyed and len(bench.obeyed) > 80
+    obeyed = after_a_step_back(stream, monkeypatch, range(400, 500), range(10, 210))
+    assert LEVEL not in obeyed and len(obeyed) > 80
 
 
 def test_the_receiver_counts_and_names_them_apart_from_malformed_ones():
