@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from array import array
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
-from rosidl_runtime_py.set_message import set_message_fields
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import Header
 
@@ -24,7 +22,7 @@ from av_common.frames import BASE_FRAME, attitude_of
 from av_common.quaternions import Quaternion as Orientation
 from av_common.quaternions import inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import AudioFrame, DoaArray, Visibility
+from av_interfaces.msg import AudioFrame
 from av_vision.messages import image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
@@ -62,8 +60,6 @@ class AudioLayout:
 def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None) -> Converter | None:
     """The converter from messages of a bag's topic to those of the rig's topic; None when the types are equal.
 
-    A type of the rig may have got fields since the bag was recorded.
-
     Parameters:
         bag: the bag.
         name: the rig's name of the topic.
@@ -74,8 +70,7 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     """
     kind = bag.topics[topic].kind
     if kind == names.KINDS[name][0]:
-        older = {'av_interfaces/msg/DoaArray': unjudged, 'av_interfaces/msg/Visibility': searched}
-        return older.get(kind) if bag.is_older(topic) else None
+        return None
     if name == names.AUDIO:
         return AudioBytes(layout or _described_layout(bag, topic))
     return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())
@@ -147,34 +142,6 @@ class Poses:
             rate = Vector3(x=x, y=y, z=z)
         self._before = (time, attitude)
         return [_odometry(message.header, pose.position, pose.orientation, rate)]
-
-
-def unjudged(message: Any, _: int) -> Iterable[DoaArray]:
-    """Directions of arrival of an earlier release: what that did not tell of a sound is NaN."""
-    directions = _installed(message, DoaArray)
-    for hypothesis, recorded in zip(directions.hypotheses, message.hypotheses, strict=True):
-        for name in ('drone_probability', 'fundamental', 'fundamental_variance'):
-            if not hasattr(recorded, name):
-                setattr(hypothesis, name, math.nan)
-    return [directions]
-
-
-def searched(message: Any, _: int) -> Iterable[Visibility]:
-    """Visibility of an earlier release, to which images were searched whole."""
-    return [_installed(message, Visibility)]
-
-
-def _installed(message: Any, kind: type[Any]) -> Any:
-    """A message of rosbags as one of the installed class; what it lacks has its default.
-
-    Parameters:
-        message: of a bag.
-        kind: the class.
-    """
-    whole = kind()
-    set_message_fields(whole, asdict(message, dict_factory=lambda items: {name: value for name, value in items
-                                                                          if name != '__msgtype__'}))
-    return whole
 
 
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:

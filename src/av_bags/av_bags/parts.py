@@ -21,57 +21,46 @@ class Parts:
 
     Parameters:
         path: an mcap or sqlite3 file, or a folder of rosbag2.
+        folder: makes a new folder for the copy of a file that is compressed.
 
     Attributes:
-        files: those that are there, in the order of recording where metadata tell.
+        files: those that can be read, in the order of recording where metadata tell; of compressed ones the copies.
         described: whether metadata tell which files belong to the bag.
         by_message: whether each message is compressed.
         lost: what is missing.
         notes: what was left out with reason.
 
-    Raises BagError when there is no bag.
+    Raises BagError when there is no bag, else the error of the last file where none can be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, folder: Callable[[], Path]) -> None:
         self.described = self.by_message = False
         self.lost: list[str] = []
         self.notes: list[str] = []
         self._path = path
         if not path.exists():
             raise BagError(f'{path}: no such bag')
-        self.files = self._of_folder() if path.is_dir() else [path]
-        for file in list(self.files):
+        self.files: list[Path] = []
+        files = self._of_folder() if path.is_dir() else [path]
+        for file in files:
             try:
-                check_file(file)
-                if file.suffix != COMPRESSED:
-                    _check_kind(file)
-            except (BagError, OSError) as error:
-                self._leave_out(file, error)
+                self.files.append(self._checked(file, folder))
+            except (ValueError, OSError) as error:    # such as one that was empty when the disk was full
+                if file == files[-1] and not self.files:
+                    raise
+                self.lost.append(str(error))
 
-    def expanded(self, folder: Callable[[], Path]) -> list[Path]:
-        """The files, those that are compressed as copies in new folders that `folder` makes. Raises ValueError or OSError."""
-        found = []
-        for file in list(self.files):
-            if file.suffix != COMPRESSED:
-                found.append(file)
-                continue
-            copy = folder() / file.stem
-            try:
-                problem = expand(file, copy)
-                _check_kind(copy, file)
-            except (ValueError, OSError) as error:
-                self._leave_out(file, error)
-                continue
-            self.lost += [problem] if problem else []
-            found.append(copy)
-        return found
-
-    def _leave_out(self, file: Path, error: Exception) -> None:
-        """Go on without a file, such as one that was empty when the disk was full. Raises the error of the last one."""
-        if len(self.files) == 1:
-            raise error
-        self.files.remove(file)
-        self.lost.append(str(error))
+    def _checked(self, file: Path, folder: Callable[[], Path]) -> Path:
+        """A file, or the copy of one that is compressed. Raises ValueError or OSError where it cannot be read."""
+        check_file(file)
+        if file.suffix != COMPRESSED:
+            _check_kind(file, file)
+            return file
+        copy = folder() / file.stem
+        problem = expand(file, copy)
+        _check_kind(copy, file)
+        self.lost += [problem] if problem else []
+        return copy
 
     def _of_folder(self) -> list[Path]:
         """The files of a folder. Hidden ones are none: macOS writes a `._NAME` beside each file on disks of other systems."""
@@ -111,12 +100,11 @@ class Parts:
             return None
 
 
-def _check_kind(path: Path, named: Path | None = None) -> None:
+def _check_kind(path: Path, named: Path) -> None:
     """Raise BagError, which names the file `named`, when a file is not a bag of ROS 2."""
     with path.open('rb') as file:
         head = file.read(16)
     kind = next((kind for kind, magic in MAGICS.items() if head.startswith(magic)), None)
-    named = named or path
     if not head:
         raise BagError(f'{named} is empty: 0 bytes')
     if kind == 'ros1':

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from mcap.records import McapRecord
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
@@ -24,15 +25,12 @@ from rosbags.typesys.store import Typestore
 from av_bags.decompression import limit_rosbags, message
 from av_bags.definitions import AUDIO_COMMON, BagError, UnknownTypeError, completed, installed_types, parse
 from av_bags.parts import Parts
-from av_bags.salvage import copy_in_order, records_of_database, records_of_file, salvage
+from av_bags.salvage import copy_in_order, records_of_database, records_of_file
 from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
 from av_common.files import one_line
 
 FOREVER = 2**63 - 1  # ns, the largest time of a bag
 NO_FIELD = 'structure_needs_at_least_one_member'    # that of a definition without fields, in rosbags and ROS
-# Fields in which releases differ; bags with other ones are read (`converters`), and values that they lack are unknown.
-OTHER_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
-                          'Track.identity_probability', 'Track.fundamental', 'Visibility.unsearched'})
 _IN_ADDRESSES = frozenset('?#%')
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()
@@ -76,8 +74,8 @@ class Bag(AbstractContextManager['Bag']):
         self._opened = ExitStack()
         self._copies: dict[Path, Reader] = {}    # of damaged files, each made once
         try:
-            parts = Parts(self.path)
-            self._readers = self._opened_files(parts.expanded(self._new_folder))
+            parts = Parts(self.path, self._new_folder)
+            self._readers = self._opened_files(parts.files)
         except BaseException as error:
             self._opened.close()
             if isinstance(error, BagError) or not isinstance(error, Exception):
@@ -198,20 +196,15 @@ class Bag(AbstractContextManager['Bag']):
         """
         kind = self.topics[topic].kind
         different = self._different_fields(topic)
-        refused = [name for name in different if name not in OTHER_FIELDS]
-        if refused and kind.startswith('av_interfaces/'):
+        if different and kind.startswith('av_interfaces/'):
             raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
-                           f'one, which differs in {", ".join(refused)}; use the release that recorded it')
+                           f'one, which differs in {", ".join(different)}; use the release that recorded it')
         if fast or different or kind in AUDIO_COMMON:
             return partial(self.decode, topic)
         from rclpy.serialization import deserialize_message  # a bag is read without ROS, too
         from rosidl_runtime_py.utilities import get_message
         installed_class = get_message(kind)
         return lambda data: deserialize_message(data, installed_class)
-
-    def is_older(self, topic: str) -> bool:
-        """Whether the messages of a topic have other fields of OTHER_FIELDS."""
-        return not OTHER_FIELDS.isdisjoint(self._different_fields(topic))
 
     def _different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""
@@ -274,7 +267,18 @@ class Bag(AbstractContextManager['Bag']):
         """Copies of an open file in whose course the clock was set back, one for each clock."""
         path, problems = Path(str(reader.path)), list[str]()
         records = records_of_file(path, problems) if path.suffix == '.mcap' else records_of_database(reader, problems)
-        copies = copy_in_order(records, self._new_folder() / f'{path.stem}.mcap', MOST_STEPS)
+        return self._copied(records, problems, f'{path.stem}.mcap', MOST_STEPS)
+
+    def _salvaged(self, path: Path) -> Reader:
+        """A copy of what can be read of a damaged mcap file."""
+        if path not in self._copies:
+            problems: list[str] = []
+            self._copies[path], = self._copied(records_of_file(path, problems), problems, path.name, 0)
+        return self._copies[path]
+
+    def _copied(self, records: Iterable[McapRecord], problems: list[str], name: str, most_steps: int) -> list[Reader]:
+        """Open copies of records, in whose course `problems` are found; the other parameters are those of `copy_in_order`."""
+        copies = copy_in_order(records, self._new_folder() / name, most_steps)
         self._problems.update(dict.fromkeys(problems))
         return [self._opened_reader(copy) for copy in copies]
 
@@ -303,14 +307,6 @@ class Bag(AbstractContextManager['Bag']):
                 raise
             reader = self._salvaged(path)
         return reader
-
-    def _salvaged(self, path: Path) -> Reader:
-        """A copy of what can be read of a damaged mcap file."""
-        if path not in self._copies:
-            copy, problems = salvage(path, self._new_folder())
-            self._problems.update(dict.fromkeys(problems))
-            self._copies[path] = self._opened_reader(copy)
-        return self._copies[path]
 
     def _opened_reader(self, path: Path) -> Reader:
         suffix = path.suffix.lower()    # rosbags knows files by it, and opens databases by an address

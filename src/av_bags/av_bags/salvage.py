@@ -23,23 +23,7 @@ from av_bags.timeline import Steps
 PLAUSIBLE_RECORD_BYTES = 2**31  # a longer record has a damaged length: chunks are some MB
 
 
-def salvage(path: Path, folder: Path) -> tuple[Path, list[str]]:
-    """Copy all readable messages to a new file, and return it with descriptions of the damage.
-
-    A damaged chunk loses only its own messages; a record of damaged length loses everything behind it.
-
-    Parameters:
-        path: the damaged file.
-        folder: of the file to create.
-
-    Raises OSError.
-    """
-    problems: list[str] = []
-    copy, = copy_in_order(records_of_file(path, problems), folder / path.name)
-    return copy, problems
-
-
-def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int = 0) -> list[Path]:
+def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int) -> list[Path]:
     """Copy messages in the order of their recording to an mcap file, to a further one each time that the clock was set back.
 
     Parameters:
@@ -120,7 +104,10 @@ class _Copy:
 
 
 def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
-    """The records of an mcap file that can be read, in order; descriptions of the damage are added to `problems`."""
+    """The records of an mcap file that can be read, in order; descriptions of the damage are added to `problems`.
+
+    A damaged chunk loses only its own messages; a record of damaged length loses everything behind it.
+    """
     with path.open('rb') as file:
         records = StreamReader(file, emit_chunks=True, record_size_limit=PLAUSIBLE_RECORD_BYTES).records
         offset, is_summary_read = 0, False

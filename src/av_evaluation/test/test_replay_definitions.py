@@ -5,7 +5,6 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from av_bags.definitions import BagError
-from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_evaluation.replay.replay import Replay
 
@@ -50,45 +49,3 @@ def test_a_bag_of_older_messages_of_the_rig_is_refused_by_name(tmp_path):
             r'which differs in Doa\.cosine, Doa\.cosine_variance; use the release that recorded it')):
         assert bag.topics['/doa'].kind == kind
         Replay(bag)
-
-
-def test_directions_of_a_release_that_did_not_judge_sounds_are_unknown(tmp_path):
-    """The fields of what sounds tell are absent in the bag: NaN, not 0."""
-    kind, part = 'av_interfaces/msg/DoaArray', 'av_interfaces/msg/Doa'
-    added = ('drone_probability', 'fundamental', 'fundamental_variance')
-    older = get_typestore(Stores.EMPTY)
-    text = make.TYPES.generate_msgdef(part, ros_version=2)[0].split('=' * 80)[0]
-    lines = [line for line in text.splitlines() if not line.endswith(added)]
-    older.register({**make.TYPES.fielddefs, **get_types_from_msg('\n'.join(lines), part)})
-    with Bag(make.flight(tmp_path / 'bag', duration=2.0)) as bag, Writer(tmp_path / 'older', version=9) as writer:
-        connections = {topic.name: writer.add_connection(topic.name, topic.kind, typestore=older)
-                       for topic in bag.topics.values()}
-        expected = []
-        for topic, time_ns, data in bag.messages():
-            if topic == '/doa':
-                message = bag.decode(topic, data)
-                expected.append([h.azimuth for h in message.hypotheses])
-                for hypothesis in message.hypotheses:
-                    for name in added:
-                        delattr(hypothesis, name)
-                data = older.serialize_cdr(message, kind)
-            writer.write(connections[topic], time_ns, bytes(data))
-    with Bag(tmp_path / 'older') as bag:
-        read = [record.message for record in Feed(bag, {'doa': '/doa'})]
-    assert [[h.azimuth for h in message.hypotheses] for message in read] == expected
-    assert all(np.isnan(getattr(h, name)) for message in read for h in message.hypotheses for name in added)
-
-
-def test_images_of_a_release_that_did_not_state_what_was_searched_count_as_searched_whole(tmp_path):
-    kind = 'av_interfaces/msg/Visibility'
-    older = get_typestore(Stores.EMPTY)
-    text = make.TYPES.generate_msgdef(kind, ros_version=2)[0].split('=' * 80)[0]
-    lines = [line for line in text.splitlines() if not line.endswith('unsearched')]
-    older.register({**make.TYPES.fielddefs, **get_types_from_msg('\n'.join(lines), kind)})
-    header = make.TYPES.types['std_msgs/msg/Header'](make.TYPES.types['builtin_interfaces/msg/Time'](1000, 0), 'camera')
-    with Writer(tmp_path / 'older', version=9) as writer:
-        connection = writer.add_connection('/visibility', kind, typestore=older)
-        writer.write(connection, 1000 * 10**9, bytes(older.serialize_cdr(older.types[kind](header, 0.75, 40.0), kind)))
-    with Bag(tmp_path / 'older') as bag:
-        read, = [record.message for record in Feed(bag, {'visibility': '/visibility'})]
-    assert (read.visibility, read.unsearched, read.range, read.header.stamp.sec) == (0.75, 0.0, 40.0, 1000)
