@@ -3,7 +3,7 @@
 #   make build      the ROS 2 environment and what changed in the workspace
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario, VIEW=1 for a page
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
-#   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
+#   make report     the publication's experiments, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card, COCO's beside it (QUICK=1: a fifth; MODEL=file, CACHE=folder for 9 GB, DATA=folder)
 #   make docs       the documents as a site, build/docs/html/index.html
 #   make lint       style, types, layers of packages, package.xml files, links, sentences and commands of documents, shell scripts

@@ -1,9 +1,7 @@
-"""Substitutes for experiments with a physical rig, made of real recordings; the notes of each run name what is rendered.
+"""A substitute for experiments with a physical rig, made of real recordings; the notes of each run name what is rendered.
 
 `filmed:CLIP` is real video of a drone, in which the shipped detector detects. A real drone's sound is rendered through the
 measured responses of a head at the labelled azimuths. The lens is covered for a part of each clip.
-`room:NUMBER` is a real drone's sound in a room of pyroomacoustics, which shares no code with the simulator. The source moves
-around the rig in steps.
 """
 
 from __future__ import annotations
@@ -15,20 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.angles import angles_to_direction
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
-from av_evaluation.hearing.places import (
-    KEMAR,
-    PAIR,
-    at_ears,
-    calibrated_ears,
-    read_responses,
-    shoebox,
-    towards,
-    with_own_noise,
-)
-from av_evaluation.hearing.signals import RATE, SOUNDS, add_noise, drone_files, load_clip
+from av_evaluation.hearing.places import KEMAR, at_ears, calibrated_ears, read_responses, towards, with_own_noise
+from av_evaluation.hearing.signals import SOUNDS, drone_files, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.measurement.geometry import detections_in_body
@@ -40,12 +28,11 @@ from av_vision.stage import DetectionStage, make_detection_stage
 CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
     44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
 CALIBRATING = SOUNDS / 'DRONE_022.flac'  # the recording by which the ears are calibrated
-FILMED, ROOM = 'filmed:', 'room:'
+FILMED = 'filmed:'
 VIDEO_HZ = 30.0
 CAMERA = CameraMount(width=640, height=512)  # pixels of the clips
 COVERED = (0.3, 0.85)  # share of a clip
 CUT = math.radians(5.0)  # a larger step of the label between two frames is a cut: some clips are spliced
-STEP_DEG, DWELL_S = 20.0, 4.0
 
 
 def stand_still(rig: OfflineRig, time: float, true_azimuth: float) -> None:
@@ -113,37 +100,6 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
     return rig.log, [
         'real video and detector, real drone sound through measured ears at the labelled azimuths; the lens covered for '
         f'{100 * (COVERED[1] - COVERED[0]):.0f} % of the time']
-
-
-def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, list[str]]:
-    """A loudspeaker plays a drone's sound at steps of azimuth in a rendered room.
-
-    Parameters:
-        number: seed of the run, and number of the recording.
-        data: folder of the recordings.
-        estimators: further methods of direction finding to record.
-
-    Raises ImportError without pyroomacoustics, FileNotFoundError without the recordings.
-    """
-    random = np.random.default_rng([7, number])
-    recording = load_clip(_recording(data, str(number)))
-    size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
-    rig, length = OfflineRig(PAIR, MultiTargetTracker(), estimators=estimators), round(DWELL_S * RATE)
-    for step in range(round(360.0 / STEP_DEG)):
-        azimuth = math.radians(STEP_DEG * step)
-        box = shoebox(size, 0.3, 8)
-        begin = int(random.integers(0, max(len(recording) - length, 1)))
-        box.add_source(place + 3.0 * angles_to_direction(azimuth, 0.0), signal=np.resize(recording[begin:], length))
-        box.add_microphone_array((place + PAIR.positions).T)
-        box.simulate()
-        samples = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
-        for part, piece in enumerate(np.split(samples, round(10 * DWELL_S))):
-            now = step * DWELL_S + 0.1 * (part + 1)
-            rig.on_samples(piece, RATE, now)
-            stand_still(rig, now, azimuth)
-    return rig.log, [
-        'real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB above noise; the rig stands '
-        'still and has no camera']
 
 
 def labelled_azimuths(file: Path) -> NDArray:

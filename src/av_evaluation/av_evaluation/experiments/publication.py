@@ -8,22 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from av_evaluation.experiments.methods import METHODS, is_tracker
-from av_evaluation.experiments.physical import CLIPS, FILMED, ROOM
-from av_evaluation.metrics.results import RunResult, errors_together, figures_together, metrics_of
-from av_evaluation.metrics.statistics import cohens_d, percentile_matched_correlation
+from av_evaluation.experiments.methods import METHODS
+from av_evaluation.experiments.physical import CLIPS, FILMED
+from av_evaluation.metrics.results import RunResult, metrics_of
 from av_evaluation.report.charts import bearing_chart, distribution_chart
 from av_evaluation.report.page import Page
-from av_evaluation.report.text import cell, interval, label, rmse_with_coverage, rows_of
+from av_evaluation.report.text import cell, label, rmse_with_coverage, rows_of
 from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]
 DETECTOR = ', detector'  # ends the names of experiments with the shipped detector on rendered images; others have the oracle
-SOUND_METHODS = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
-
-
 # By the scenario that repeats it here: the publication's figure, and what it shows.
 EXPERIMENTS = {
     'circle': 'Figure 9. Experiment 1: once around the rig in clear air',
@@ -48,8 +42,7 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
         methods: to evaluate.
         model: detector in the place of the shipped one, also in a quick report; '' for the shipped one.
     """
-    clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
-    sound = (*SOUND_METHODS, *(name for name in methods if name not in METHODS and not is_tracker(name)))
+    clips = 2 if quick else 3 * seeds
     cases = {}
     if not quick or model:
         for scenario in EXPERIMENTS:
@@ -59,7 +52,6 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
         cases[scenario] = [Case(scenario, seed, methods) for seed in range(1, seeds + 1)]
     if data.exists():
         cases['filmed'] = [Case(f'{FILMED}{clip}', methods=methods, data=str(data), model=model) for clip in CLIPS[:clips]]
-        cases['room'] = [Case(f'{ROOM}{number}', methods=sound, data=str(data)) for number in range(rooms)]
     return cases
 
 
@@ -88,7 +80,6 @@ def make_page(runs: Runs, command: str, quick: bool, methods: Sequence[str] = ME
         'the simulator\'s visual oracle unless the detector is named. The publication resolved front and back by hand; here '
         'only sound alone is given the true hypothesis, fused is not. Intervals: bootstrap over blocks of 2 s.')
     _table_1(page, runs)
-    _table_2(page, runs)
     _table_3(page, runs, methods)
     for scenario, title in EXPERIMENTS.items():
         several = runs.get(scenario, ())
@@ -119,32 +110,13 @@ def _table_1(page: Page, runs: Runs) -> None:
     page.table(['experiment', 'runs', 'sound: RMSE (coverage)', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)',
                 'fused: wrong side', 'front/back resolved in'], rows, ours='the four together',
                theirs=[name for name, *_ in PUBLISHED.values()])
-    page.paragraph('`filmed` and `room` are stand-ins for physical experiments, see below. In the publication '
+    page.paragraph('`filmed` stands in for physical experiments, see below. In the publication '
                    'a drone circles in the simulated experiment, and a loudspeaker stands on a tripod in the physical one.')
 
 
 def _four(runs: Runs, kind: str = '') -> list[RunResult]:
     """The runs of the publication's four experiments, with the oracle or, for the kind DETECTOR, with the detector."""
     return [run for scenario in EXPERIMENTS for run in runs.get(f'{scenario}{kind}', ())]
-
-
-def _table_2(page: Page, runs: Runs) -> None:
-    physical = list(runs.get('filmed', ()))
-    page.heading('Table 2. Simulation against recordings')
-    if not physical:
-        page.paragraph('The recordings were not found: `make report DATA=FOLDER` sets their folder.')
-        return
-    rows = []
-    for method in ('sound', 'sight', 'fused'):
-        errors = [np.abs(errors_together(group, method)) for group in (_four(runs), physical)]
-        if min(map(len, errors)) > 1:
-            figures = [figures_together(group, method) for group in (_four(runs), physical)]
-            rows.append([label(method), *(f'{figure["rmse_deg"]:.2f}° ({interval(figure)})' for figure in figures),
-                         f'{cohens_d(*errors):+.2f}', f'{percentile_matched_correlation(*errors):.3f}'])
-    page.table(['method', 'RMSE, simulated (95 %)', 'RMSE, recorded (95 %)', "Cohen's d", 'percentile-matched r'], rows)
-    page.paragraph("Cohen's d is the difference of the mean absolute errors in pooled standard deviations; r is Pearson's "
-                   'correlation of the same percentiles (1 to 99) of both. "Recorded" are the filmed clips below. The '
-                   'published figures of this table are not known here.')
 
 
 def _table_3(page: Page, runs: Runs, methods: Sequence[str]) -> None:
@@ -160,16 +132,11 @@ def _table_3(page: Page, runs: Runs, methods: Sequence[str]) -> None:
 def _stand_ins(page: Page, runs: Runs) -> None:
     if not runs.get('filmed'):
         return
-    page.heading('Stand-ins for physical experiments')
+    page.heading('A stand-in for physical experiments')
     page.paragraph('No physical rig was built; recordings stand in for one. `filmed` is real video of a drone with labelled '
                    'boxes, processed by the shipped detector, which was not trained on these clips. A real drone\'s sound '
                    'is filtered with the measured responses of a head at the labelled azimuths. The lens is covered for '
-                   '55 % of each clip. `room` is a real drone\'s sound in steps of 20 degrees around two microphones in a '
-                   'room of pyroomacoustics, an independent renderer.')
+                   '55 % of each clip.')
     first = runs['filmed'][0]
     page.figure(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
     page.table(*rows_of(metrics_of(runs['filmed'])), ours=label('fused'))
-    if runs.get('room'):
-        page.heading('A room by another renderer', 3)
-        page.figure(bearing_chart(runs['room'][0], ('sound',)), 'Sound alone, with the true hypothesis.')
-        page.table(*rows_of(metrics_of(runs['room'])), ours=label('sound'))

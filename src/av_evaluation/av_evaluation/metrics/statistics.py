@@ -1,4 +1,4 @@
-"""Statistics of errors: interval of the RMSE, effect size, and correlation of two distributions."""
+"""Statistics of errors: the RMSE and its interval."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 BLOCK_S = 2.0  # errors of successive windows are correlated: resampling them singly gives too short an interval
-PERCENTILES = np.arange(1.0, 100.0)  # but for the ends, which are single errors
 INTERVAL = 1.64  # standard deviations, within which are 90 % of Gaussian errors
 LEVEL, RESAMPLES = 0.95, 2000  # of the interval: its probability, and the number of bootstrap samples
 
@@ -48,33 +47,3 @@ def rmse_interval(blocks: Sequence[NDArray]) -> tuple[float, float]:
         sums, lambda squares, counts, axis: np.sqrt(squares.sum(axis) / counts.sum(axis)), paired=True, method='percentile',
         confidence_level=LEVEL, n_resamples=RESAMPLES, random_state=1).confidence_interval
     return float(low), float(high)
-
-
-def cohens_d(one: ArrayLike, other: ArrayLike) -> float:
-    """Difference of the means in pooled standard deviations (Cohen, 1988, eq. 2.5.1); nan for samples without spread.
-
-    Parameters:
-        one (n,): sample.
-        other (m,): sample, whose mean is subtracted.
-    """
-    first, second = np.asarray(one, float), np.asarray(other, float)
-    freedom = len(first) + len(second) - 2
-    if min(len(first), len(second)) < 1 or freedom < 1:
-        return math.nan
-    squares = np.sum((first - first.mean()) ** 2) + np.sum((second - second.mean()) ** 2)
-    return float((first.mean() - second.mean()) / np.sqrt(squares / freedom)) if squares > 0.0 else math.nan
-
-
-def percentile_matched_correlation(one: ArrayLike, other: ArrayLike) -> float:
-    """Pearson's correlation of the percentiles 1 to 99 of two samples; nan for samples without spread.
-
-    It is 1 where one distribution is the other, shifted and scaled.
-
-    Parameters:
-        one (n,): sample.
-        other (m,): sample, not paired with the first.
-    """
-    if min(np.size(one), np.size(other)) < 2:
-        return math.nan
-    matched = [np.percentile(np.asarray(sample, float), PERCENTILES) for sample in (one, other)]
-    return float(stats.pearsonr(*matched).statistic) if min(map(np.ptp, matched)) > 0.0 else math.nan

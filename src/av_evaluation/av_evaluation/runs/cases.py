@@ -27,7 +27,7 @@ class Case:
     """One run of a scenario or a bag, and the methods to evaluate.
 
     Parameters:
-        input: shipped name or file of a scenario, a bag, or `filmed:CLIP` and `room:NUMBER`.
+        input: shipped name or file of a scenario, a bag, or `filmed:CLIP`.
         seed: of the scenario's noise.
         methods: to evaluate.
         duration (s): 0 for that of the input.
@@ -39,7 +39,7 @@ class Case:
         parameters: parameter files for a bag.
         remap: remappings of a bag's topics.
         namespace: of the recorded rig in a bag.
-        data: folder of recordings for `filmed:` and `room:`.
+        data: folder of recordings for `filmed:`.
     """
 
     input: str

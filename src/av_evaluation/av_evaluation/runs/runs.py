@@ -12,7 +12,7 @@ from av_bags.topics import parse_remappings
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import estimators_of
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
+from av_evaluation.experiments.physical import FILMED, detection_stage, filmed
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
@@ -38,8 +38,6 @@ def _measure(case: Case) -> tuple[RunLog, list[str]]:
     """Log, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
         return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods), case.model)
-    if case.input.startswith(ROOM):
-        return room(int(case.input.removeprefix(ROOM)), Path(case.data), estimators_of(case.methods))
     return _replay(case) if case.is_bag else _simulate(case)
 
 
