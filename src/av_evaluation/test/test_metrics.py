@@ -53,6 +53,7 @@ def test_known_errors_come_out():
     assert fused.switches == 1
     assert fused.time_to_resolve_s == pytest.approx(2.1, abs=0.01)
     assert fused.latency_ms == pytest.approx(100.0)
+    assert fused.within == 1.0 and figures_of(circle_log(5.0))['fused'].within == 0.0    # sigma is 2.9 deg
 
 
 def test_what_is_held_errs_by_how_far_the_target_went_on():
@@ -104,7 +105,7 @@ def test_the_log_is_saved_as_tables(tmp_path):
     log.save(tmp_path)
     table = np.genfromtxt(tmp_path / 'fused.csv', delimiter=',', names=True)
     assert np.allclose(table['time'], log.fused['time'], atol=1e-6) and np.allclose(table['azimuth'], log.fused['azimuth'])
-    names = {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv', 'picture.csv'}
+    names = {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv'}
     assert {path.name for path in tmp_path.iterdir()} == names
 
 

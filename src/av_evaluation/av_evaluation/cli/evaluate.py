@@ -10,11 +10,11 @@ from pathlib import Path
 
 from av_common.arguments import not_negative, number
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
-from av_evaluation.metrics.comparison import sigma_by_sensor, write_report
-from av_evaluation.metrics.results import RunResult, metrics_of
-from av_evaluation.metrics.statistics import INTERVAL
+from av_evaluation.metrics.results import RunResult, figures_together, methods_of, metrics_of, write_json
 from av_evaluation.metrics.tracks import TrackFigures
-from av_evaluation.report.text import format_rows, rows_of
+from av_evaluation.report.charts import bearing_chart, distribution_chart
+from av_evaluation.report.page import Page
+from av_evaluation.report.text import format_rows, label, rows_of
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
@@ -32,7 +32,8 @@ def evaluate(options: argparse.Namespace) -> int:
     if not runs:
         return 2
     show(runs)
-    print(f'\nsee {write_report(runs, failures, options.out, options.command)}')
+    write_report(runs, failures, options.out, options.command)
+    print(f'\nsee {options.out / "report.html"}')
     return 1 if failures else 0
 
 
@@ -59,16 +60,6 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
 def show(runs: Sequence[RunResult]) -> None:
     """Print the table of figures, and the notes of the runs to standard error."""
     print(format_rows(*rows_of(metrics_of(runs))))
-    for name, figures in sigma_by_sensor(runs).items():
-        print(f'while {name} leads: {100.0 * figures.within:.0f} % of the errors of the fused bearing within {INTERVAL} sigma, '
-              f'RMSE {figures.rmse_deg:.2f}°, sigma {figures.sigma_deg:.2f}°')
-    kept = [run.in_picture for run in runs if math.isfinite(run.in_picture)]
-    if kept:
-        low, high = 100.0 * min(kept), 100.0 * max(kept)
-        print(f'in the picture: {low:.1f} to {high:.1f} % of the time that the camera could see the drone if it looked there')
-    times = [f'{run.seen_s:.1f}' for run in runs if math.isfinite(run.seen_s)]
-    if times:
-        print(f'first seen after {", ".join(times)} s')
     for run in runs:
         if run.tracks:
             tracks = TrackFigures(**run.tracks)
@@ -76,6 +67,42 @@ def show(runs: Sequence[RunResult]) -> None:
                   f'{tracks.missed:.1f} missed, {tracks.false:.1f} false, {tracks.switches:.0f} identity switches')
     for text in dict.fromkeys(text for run in runs for text in (*run.notes, *run.missing.values())):
         print(f'  ! {text}', file=sys.stderr)
+
+
+def write_report(runs: Sequence[RunResult], failures: Sequence[str], out: Path, command: str) -> None:
+    """Write metrics.json, runs.json and report.html.
+
+    Parameters:
+        runs: to report.
+        failures: which runs failed, with the reasons.
+        out: existing folder.
+        command: by which the report was made.
+    """
+    metrics = metrics_of(runs)
+    write_json(out / 'metrics.json', metrics)
+    write_json(out / 'runs.json', [
+        {'name': run.name, 'case': run.case, 'notes': run.notes, 'missing': run.missing,
+         'tracks': {key: value if math.isfinite(value) else None for key, value in run.tracks.items()} or None,
+         'methods': {method: figures_together([run], method) for method in run.methods}} for run in runs])
+    page = Page('Evaluation of bearings', f'{len(runs)} runs. Made by `{command}`.')
+    page.heading('All runs together')
+    page.table(*rows_of(metrics), ours=label('fused'))
+    page.paragraph('Errors count from the first detection; without one, from the first bearing with resolved front '
+                   'and back. All methods get the same data and the same median filter. Methods of sound alone, and the '
+                   'Kalman filter, are given the true one of two hypotheses; those of sound are evaluated at the centre of '
+                   'their window. Fused, gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
+    page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')
+    for name in dict.fromkeys(run.case['input'] for run in runs):
+        several = [run for run in runs if run.case['input'] == name]
+        page.heading(name)
+        page.table(*rows_of(metrics_of(several)), ours=label('fused'))
+        for run in several:
+            for text in (*run.notes, *run.missing.values()):
+                page.paragraph(text)
+            page.figure(bearing_chart(run), f'{run.name}: bearing and error.')
+    for failure in failures:
+        page.paragraph(failure)
+    page.write(out / 'report.html')
 
 
 def make_parser() -> argparse.ArgumentParser:

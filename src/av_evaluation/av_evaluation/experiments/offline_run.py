@@ -137,7 +137,6 @@ class OfflineRun:
         return self.rig.on_state(state)
 
     def _observe(self, view: View, now: float) -> None:
-        self.log.picture.add(now, *self._oracle.picture(view))
         if self._renderer is not None:
             self.rig.on_image(self._renderer.render(view).bgr, now, now)
         else:

@@ -36,6 +36,7 @@ class MethodResult:
         latency_ms (ms): from the capture of the newest measurement to the bearing, median.
         time_to_resolve_s (s): to resolve front and back; nan but for trackers.
         switches: changes between sight and sound; nan but for trackers.
+        within: share of the errors within INTERVAL of the stated standard deviations; nan but for trackers.
         held_deg (k, degrees): signed errors of the newest measurement, held until the next one arrives, at the times of fused
             bearings; empty but for sound and sight.
     """
@@ -49,6 +50,7 @@ class MethodResult:
     latency_ms: float = math.nan
     time_to_resolve_s: float = math.nan
     switches: float = math.nan
+    within: float = math.nan
     held_deg: NDArray = field(default_factory=lambda: np.zeros(0))
 
 
@@ -66,9 +68,6 @@ class RunResult:
         notes: on the origin of the data.
         truth: columns `time` (s) and `azimuth` (rad, body frame); empty without truth.
         state: columns `time` (s), `state` and `sigma` (rad) of the track.
-        in_picture: share of the time with the target in the picture, of that for which the camera could see it if it looked
-            there; nan where that is not known.
-        seen_s (s): from the first measurement of sound to the first detection; nan without either.
         tracks: fields of `TrackFigures`, of simulated runs with several targets; empty for others.
     """
 
@@ -81,8 +80,6 @@ class RunResult:
     notes: list[str] = field(default_factory=list)
     truth: Columns = field(default_factory=dict)
     state: Columns = field(default_factory=dict)
-    in_picture: float = math.nan
-    seen_s: float = math.nan
     tracks: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
@@ -152,6 +149,8 @@ def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float 
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
     figures['held_rmse_deg'] = rmse(np.concatenate([result.held_deg for _, result in results]))
+    stated = np.array([(result.within, len(result.error_deg)) for _, result in results if math.isfinite(result.within)])
+    figures['within'] = float(np.average(stated[:, 0], weights=stated[:, 1])) if len(stated) else math.nan
     blocks = [block for _, result in results for block in blocks_of(result.error_time, result.error_deg)]
     figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
     figures['runs'] = len(results)

@@ -87,8 +87,6 @@ class RunLog:
     Attributes:
         target: true positions of the target in the world.
         rig: true positions of the rig in the world, and attitudes (w, x, y, z) from its body to the world.
-        picture: for each image whether the camera could see the target if it looked there, and whether it is in the picture;
-            of simulated runs.
         sound: azimuths of the first and second hypothesis of each window; `mirrored` is nan without a second one.
         sight: azimuth of the best detection of each image, nan with score 0 where there is none.
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
@@ -107,7 +105,6 @@ class RunLog:
         self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay', folder=folder)
         self.sight = Series('time', 'azimuth', 'score', 'delay', folder=folder)
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay', folder=folder)
-        self.picture = Series('time', 'visible', 'inside', folder=folder)
         self.notes: dict[str, str] = {}
         self.tracks: TrackFigures | None = None
         self.doa: dict[str, list[DoaMeasurement]] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,24 +20,12 @@ SHADES = {State.VISUAL_ACTIVE: ('#cfe8cf', 'sight leads'), State.ACOUSTIC_ACTIVE
           State.COASTING: ('#e0e0e0', 'coasting')}
 
 
-def shade(axes: Sequence[Axes], time: NDArray, state: NDArray) -> None:
-    """Shade the background by the state of the track; the legend of the first axes names the colours.
-
-    Parameters:
-        axes: that share one time axis.
-        time (n, s): on this axis.
-        state (n,): of the track at these times, values of `State`.
-    """
-    if not len(time):
-        return
-    edges, named = [0, *(np.flatnonzero(np.diff(state)) + 1), len(state) - 1], set()
-    for begin, end in pairwise(edges):
-        if state[begin] in SHADES:
-            colour, name = SHADES[State(int(state[begin]))]
-            for number, axis in enumerate(axes):
-                axis.axvspan(time[begin], time[end], color=colour, linewidth=0, zorder=0,
-                             label=name if not number and name not in named else None)
-            named.add(name)
+def shade(axes: Axes, time: NDArray, state: NDArray) -> None:
+    """Shade the background by the state (n,) of the track at times (n, s); the legend names the colours."""
+    for value, (shade_, name) in SHADES.items():
+        if np.any(state == value):
+            axes.fill_between(time, 0.0, 1.0, state == value, step='post', color=shade_, linewidth=0, zorder=0,
+                              transform=axes.get_xaxis_transform(), label=name)
 
 
 def broken(azimuth: NDArray) -> NDArray:
@@ -66,29 +53,25 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
     bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [5, 2]})
     start = float(run.truth['time'][0]) if run.truth else min(
         [float(result.time[0]) for result in run.methods.values() if len(result.time)], default=0.0)
-    shade((bearing, error), run.state['time'] - start, run.state['state'])
-    azimuths, errors = [], []
+    for axes in (bearing, error):
+        shade(axes, run.state['time'] - start, run.state['state'])
+    errors = [np.ones(1)]
     if run.truth:
         bearing.plot(run.truth['time'] - start, np.degrees(broken(run.truth['azimuth'])), '--', color='black', linewidth=1.1,
                      label='truth', zorder=3)
-        azimuths.append(np.degrees(wrap(run.truth['azimuth'])))
     for method in (method for method in methods if method in run.methods):
         result, line = run.methods[method], method not in ('sound', 'sight')
         style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
         values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
         bearing.plot(result.time - start, values, color=colour(method), label=label(method), **style)
         error.plot(result.error_time - start, result.error_deg, color=colour(method), **style)
-        azimuths.append(values)
-        errors.append(result.error_deg)
+        errors.append(np.abs(result.error_deg))
     sigma = 2.0 * np.degrees(run.state['sigma'])
     error.fill_between(run.state['time'] - start, -sigma, sigma, color=colour('fused'), alpha=0.12, linewidth=0)
-    reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)
-    limit = 1.1 * _reach(errors, (1, 2, 5, 10, 20, 45, 90, 180), 0.98)
+    limit = 1.1 * float(np.quantile(np.concatenate(errors), 0.98))
     bearing.margins(x=0.01)
-    error.margins(x=0.01)
     error.set(xlabel='time (s)', ylabel='error (deg)', ylim=(-limit, limit))
-    bearing.set(ylabel="azimuth in the\nrig's frame (deg)", ylim=(-1.03 * reach, 1.03 * reach),
-                yticks=np.linspace(-reach, reach, 7))
+    bearing.set(ylabel="azimuth in the\nrig's frame (deg)")
     bearing.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncol=7, frameon=False, markerscale=3)
     return _tidy(figure)
 
@@ -111,12 +94,6 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
     axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
-
-
-def _reach(values: Sequence[NDArray], steps: Sequence[float], share: float) -> float:
-    """Half the span of an axis: the smallest step below which this share of the absolute values (deg) lies."""
-    sizes = np.abs(np.concatenate([np.zeros(1), *values]))
-    return next((step for step in steps if np.quantile(sizes[np.isfinite(sizes)], share) < step), steps[-1])
 
 
 def _tidy(figure: Figure) -> Figure:

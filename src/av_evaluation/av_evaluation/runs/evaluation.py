@@ -9,9 +9,10 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import TAU, acquired, compare, coverage_of, held_errors, switches, time_to_resolve
+from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.metrics.statistics import INTERVAL
 from av_evaluation.report.text import format_rows, rows_of
 
 SENSES = ('fused', 'sound', 'sight')  # which need no events
@@ -52,13 +53,6 @@ def evaluate_run(name: str, log: RunLog, methods: tuple[str, ...], filtered: boo
             result.missing[method] = str(error)
     if log.has_truth:
         result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
-    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= TAU]
-    heard = log.sound['time'][log.sound['confidence'] > 0.0]
-    if len(seen) and len(heard):
-        result.seen_s = float(max(seen.min() - heard.min(), 0.0))
-    visible = log.picture['visible'] > 0.0
-    if visible.any():
-        result.in_picture = float(np.mean(log.picture['inside'][visible]))
     if log.tracks is not None:
         result.tracks = log.tracks._asdict()
     result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
@@ -74,6 +68,8 @@ def _evaluate(method: str, log: RunLog, begin: float, span: float, filtered: boo
     if is_tracker(method) and not folded:
         series = track(method, log)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
+        sigma = np.degrees(np.interp(error_time, series['time'], series['sigma']))
+        result.within = float(np.mean(np.abs(error_deg) < INTERVAL * sigma)) if len(error_deg) else math.nan
         delay = series['delay'][series['state'] > 0]
     elif is_tracker(method) and method != 'moving_average':
         delay = np.zeros(0)

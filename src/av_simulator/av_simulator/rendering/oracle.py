@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,21 +29,6 @@ class Oracle:
     def boxes(self, view: View) -> list[OracleBox]:
         """Boxes of the visible drones in a view."""
         return [box for box in (self.look(view, drone)[1] for drone in view.drones) if box is not None]
-
-    def picture(self, view: View) -> tuple[bool, bool]:
-        """Whether the first drone could be seen by a camera that looks straight at it, and whether it is in the picture.
-
-        Parameters:
-            view: the camera's view.
-        """
-        drone = view.drones[0]
-        ahead = drone.position - view.position
-        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-        right = np.cross(ahead, [0.0, 0.0, 1.0] if abs(ahead[2]) < 0.99 else [1.0, 0.0, 0.0])
-        right = right / np.linalg.norm(right)
-        there = replace(view, rotation=np.stack([right, np.cross(ahead, right), ahead], axis=1), drones=[drone])
-        seen = appearance(self._camera, view, drone)
-        return bool(self.boxes(there)), seen is not None and seen.in_view >= 0.5
 
     def look(self, view: View, drone: Drone) -> tuple[TruthBox, OracleBox | None]:
         """How a drone appears in a view, and its box where it has one; the visible fraction is that of points on the drone."""
