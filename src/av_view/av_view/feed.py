@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 # Rows in an update: the few that a viewer may have missed, or all for one that is new or was away.
 RECENT, HISTORY = 10, 600
@@ -14,35 +14,19 @@ COLUMNS = ('time', 'sound', 'mirror', 'sight', 'fused', 'sigma', 'truth', 'sound
            'delay', 'snr')
 
 
-class Update(NamedTuple):
-    """Messages to one viewer in the order in which they are sent; empty for nothing.
-
-    Parameters:
-        picture: JPEG.
-        health: JSON.
-        state: JSON, with rows.
-    """
-
-    picture: bytes = b''
-    health: str = ''
-    state: str = ''
-
-
 @dataclass
 class Feed:
-    """The newest state, health and picture of a rig, serialised once for all viewers.
+    """The newest state, health and picture of a rig, serialised once for all viewers, with serial numbers of the states.
 
-    Serial numbers count what was published, so that each viewer knows what it has had.
+    Attributes:
+        serial: of the newest state; a viewer is known by that of the state it has had, 0 for none.
     """
 
-    state: str = 'null'
-    health: str = ''
-    picture: bytes = b''
     serial: int = 0
-    health_serial: int = 0
-    picture_serial: int = 0
-    rows: deque[str] = field(default_factory=lambda: deque(maxlen=HISTORY))
-    _messages: dict[int, str] = field(default_factory=dict)
+    _state: str = 'null'
+    # With the serial number of the state that brings it to viewers, in the order in which they are sent.
+    _newest: dict[str, tuple[int, str | bytes]] = field(default_factory=lambda: {'picture': (0, b''), 'health': (0, '')})
+    _rows: deque[str] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
     def put(self, state: str, row: str, picture: bytes = b'') -> None:
         """A new state, with a picture where that is new, too.
@@ -52,53 +36,28 @@ class Feed:
             row: of diagrams, as JSON.
             picture: as JPEG; empty for none.
         """
-        self.state = state
-        self.rows.append(row)
         self.serial += 1
-        self._messages.clear()
+        self._state = state
+        self._rows.append(row)
         if picture:
-            self.picture = picture
-            self.picture_serial += 1
+            self._newest['picture'] = self.serial, picture
 
     def put_health(self, health: str) -> None:
         """New health, a message as JSON, which goes with the next state."""
-        self.health = health
-        self.health_serial += 1
+        self._newest['health'] = self.serial + 1, health
 
-    def message(self, missed: int) -> str:
-        """The state with the newest rows, of which the last has the number `serial`; one text for all viewers.
-
-        Parameters:
-            missed: number of rows that a viewer has not had.
-        """
-        count = RECENT if 0 <= missed <= RECENT else HISTORY
-        if count not in self._messages:
-            rows = ','.join(islice(self.rows, max(len(self.rows) - count, 0), None))
-            self._messages[count] = f'{{"type":"state","serial":{self.serial},"rows":[{rows}],"state":{self.state}}}'
-        return self._messages[count]
-
-
-@dataclass
-class Position:
-    """What one viewer has had of a feed."""
-
-    serial: int = 0
-    health_serial: int = 0
-    picture_serial: int = 0
-
-    def take(self, feed: Feed) -> Update:
-        """What is new to the viewer; note it as had. Nothing where the state is not new.
+    def news(self, had: int) -> list[str | bytes]:
+        """Messages with what is new to a viewer that had a state: picture, health, state with rows. None without a new state.
 
         Parameters:
-            feed: of the viewer's rig.
+            had: serial number of that state.
         """
-        if feed.serial == self.serial:
-            return Update()
-        update = Update(feed.picture if feed.picture_serial != self.picture_serial else b'',
-                        feed.health if feed.health_serial != self.health_serial else '',
-                        feed.message(feed.serial - self.serial))
-        self.serial, self.health_serial, self.picture_serial = feed.serial, feed.health_serial, feed.picture_serial
-        return update
+        if had == self.serial:
+            return []
+        count = min(RECENT if self.serial - had <= RECENT else HISTORY, len(self._rows))
+        rows = ','.join(islice(self._rows, len(self._rows) - count, None))
+        return [*(message for serial, message in self._newest.values() if serial > had),
+                f'{{"type":"state","serial":{self.serial},"rows":[{rows}],"state":{self._state}}}']
 
 
 def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:

@@ -1,6 +1,6 @@
 """The web server of the page and its viewers, in a thread of its own.
 
-Each viewer asks for the next update when it has shown the previous one; updates are encoded once and broadcast. The numbers of
+Each viewer asks for the next update when it has shown the previous one; states are encoded once for all. The numbers of
 holders of the token, and of others, the guests, are limited. Whoever does not ask, or does not read what it asked for, is
 dropped, so that nothing piles up.
 """
@@ -26,7 +26,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from av_view.access import Access
-from av_view.feed import Feed, Position
+from av_view.feed import Feed
 
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
@@ -55,7 +55,7 @@ class _Viewer:
     holds_token: bool
     rig: str | None = None  # None while there is no rig
     has_chosen: bool = False
-    position: Position = field(default_factory=Position)
+    had: int = 0  # serial number of the newest state that it was sent
     asked: float = field(default_factory=time.monotonic)
     requests: list[float] = field(default_factory=list)
 
@@ -157,18 +157,17 @@ class ViewServer:
 
     def _serve(self, feed: Feed, waiting: Sequence[_Viewer]) -> None:
         """Send what is new to viewers of one rig that wait."""
-        updates = [(viewer, viewer.position.take(feed)) for viewer in waiting]
-        updates = [(viewer, update) for viewer, update in updates if update.state]
-        for viewer, _ in updates:
-            del self._waiting[viewer]
-        for part in range(3):
-            for message in {update[part] for _, update in updates} - {'', b''}:
-                broadcast([viewer.connection for viewer, update in updates if update[part] == message], message)
+        for viewer in waiting:
+            news, viewer.had = feed.news(viewer.had), feed.serial
+            if news:
+                del self._waiting[viewer]
+            for message in news:
+                broadcast([viewer.connection], message)
 
     def _set_rigs(self, rigs: tuple[str, ...]) -> None:
         moved = [viewer for viewer in self._viewers if not viewer.has_chosen and viewer.rig not in rigs]
         for viewer in moved:
-            viewer.rig, viewer.position = (rigs[0] if rigs else viewer.rig), Position()
+            viewer.rig, viewer.had = (rigs[0] if rigs else viewer.rig), 0
         self._tell_rigs(self._viewers if rigs != self._rigs else moved if rigs else (), rigs)
         self._rigs = rigs
 
@@ -283,7 +282,7 @@ class ViewServer:
             self._drop(viewer, 'does not read')
         elif request['do'] in ('next', 'watch'):
             if 'rig' in request:
-                viewer.rig, viewer.has_chosen, viewer.position = str(request['rig'])[:200], True, Position()
+                viewer.rig, viewer.has_chosen, viewer.had = str(request['rig'])[:200], True, 0
             self._waiting.setdefault(viewer)
             if viewer.rig in self._feeds:
                 self._serve(self._feeds[viewer.rig], [viewer])
