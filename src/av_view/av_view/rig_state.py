@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -153,34 +153,21 @@ class RigState:
     def snapshot(self, now: float) -> dict[str, Any]:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
         _, levels, snr = self._spectrum if _is_recent(self._spectrum[0], now) else (now, list[float](), math.nan)
+        fresh = {what: message for what in self.newest if (message := self._fresh(what, now)) is not None}
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
-            'bearing': self._bearing_part(now), 'fusion': self._fusion_part(now), 'sound': self._sound_part(now),
-            'sight': self._sight_part(now), 'picture': self._picture_part(now), 'cameras': self._cameras_part(),
-            'tracks': self._tracks_part(now), 'truth': self._truth_part(now), 'command': self._command_part(now),
-            'spectrum': levels, 'snr': number(snr, 1), 'delay': self._delay(now),
-            'posterior': self._posterior_part(now), 'marks': [mark for mark in self._marks if mark[0] <= now],
-            'world': self._world_part(now)}
+            **{what: part(fresh[what]) if what in fresh else None for what, part in PARTS.items()},
+            'sound': self._sound_part() if 'doa' in fresh else None, 'sight': self._sight_part(fresh),
+            'picture': self._picture_part(now), 'cameras': self._cameras_part(),
+            'tracks': self._tracks_part(fresh['tracks']) if 'tracks' in fresh else [], 'truth': self._truth_part(now),
+            'posterior': _posterior_part(fresh['posterior']) if 'posterior' in fresh else [],
+            'spectrum': levels, 'snr': number(snr, 1), 'marks': [mark for mark in self._marks if mark[0] <= now],
+            'delay': number(statistics.median(self._delays), 3) if self._delays and 'bearing' in fresh else None}
 
     def _fresh(self, what: str, now: float) -> Any:
         """The newest message of what is asked for; None without one of the last STALE_S."""
         message = self.newest.get(what)
         return None if message is None or now - to_seconds(message.header.stamp) > STALE_S else message
-
-    def _world_part(self, now: float) -> dict[str, Any] | None:
-        message = self._fresh('world', now)
-        return None if message is None else world_part(message)
-
-    def _bearing_part(self, now: float) -> dict[str, Any] | None:
-        message = self._fresh('bearing', now)
-        if message is None:
-            return None
-        return {
-            'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth),
-            'sigma': _sigma(message.azimuth_variance),
-            'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
-            'range': number(message.range), 'probability': number(message.hemisphere_probability, 3),
-            'resolved': bool(message.resolved)}
 
     def _picture_part(self, now: float) -> dict[str, Any] | None:
         """What is drawn on the picture, of the time at which it was taken."""
@@ -202,34 +189,15 @@ class RigState:
                 'boxes': [_box(box, size) for box in boxes if box.results], 'line': line, 'band': band, 'centre': centre,
                 'heard': [camera.meridian(image.azimuth) for doa in heard for image in doa.hypotheses] if camera else []}
 
-    def _posterior_part(self, now: float) -> list[float]:
-        """Probabilities of the sectors relative to the most probable one; empty without recent ones."""
-        message = self._fresh('posterior', now)
-        if message is None or not any(message.probability):
-            return []
-        return [round(float(value), 3) for value in np.asarray(message.probability, float) / max(message.probability)]
-
-    def _fusion_part(self, now: float) -> dict[str, Any] | None:
-        message = self._fresh('fusion', now)
-        if message is None:
-            return None
-        return {
-            'reason': message.reason[:LONGEST_TEXT], 'missing': [name[:LONGEST_TEXT] for name in message.missing[:10]],
-            'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence)}
-
-    def _sound_part(self, now: float) -> dict[str, Any] | None:
-        if self._fresh('doa', now) is None:
-            return None
+    def _sound_part(self) -> dict[str, Any]:
         groups = [{'confidence': number(doa.confidence),
                    'images': [{'azimuth': degrees(image.azimuth)} for image in doa.hypotheses]} for doa in self.sound]
         return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
 
-    def _sight_part(self, now: float) -> dict[str, Any] | None:
-        found = {camera: self._fresh(camera_topic(camera, 'detections'), now) for camera in CAMERAS}
-        if not any(found.values()):
-            return None
-        return {'boxes': [self._seen(camera, detection) for camera, message in found.items() if message
-                          for detection in message.detections[:MOST_BOXES] if detection.results]}
+    def _sight_part(self, fresh: Mapping[str, Any]) -> dict[str, Any] | None:
+        found = {camera: fresh[topic] for camera in CAMERAS if (topic := camera_topic(camera, 'detections')) in fresh}
+        return {'boxes': [self._seen(camera, detection) for camera, message in found.items()
+                          for detection in message.detections[:MOST_BOXES] if detection.results]} if found else None
 
     def _seen(self, camera: str, detection: Any) -> dict[str, Any]:
         middle, view = detection.bbox.center.position, self.cameras.get(camera)
@@ -240,10 +208,7 @@ class RigState:
         return [{'name': name, 'azimuth': degrees(camera.axis[0]), 'elevation': degrees(camera.axis[1]),
                  'view': degrees(camera.model.horizontal_fov_rad)} for name, camera in self.cameras.items()]
 
-    def _tracks_part(self, now: float) -> list[dict[str, Any]]:
-        message = self._fresh('tracks', now)
-        if message is None:
-            return []
+    def _tracks_part(self, message: Any) -> list[dict[str, Any]]:
         return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
 
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
@@ -270,17 +235,36 @@ class RigState:
                             'range': number(float(np.linalg.norm(offset)), 1)})
         return targets
 
-    def _command_part(self, now: float) -> dict[str, Any] | None:
-        message = self._fresh('command', now)
-        if message is None:
-            return None
-        return {'mode': Mode(message.mode).name.lower(), 'reason': message.reason[:LONGEST_TEXT],
-                'pan': degrees(message.pan) if message.move_gimbal else None,
-                'tilt': degrees(message.tilt) if message.move_gimbal else None,
-                'yaw_rate': degrees(message.yaw_rate) if message.move_body else None}
+def _bearing_part(message: Any) -> dict[str, Any]:
+    return {
+        'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': _sigma(message.azimuth_variance),
+        'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
+        'range': number(message.range), 'probability': number(message.hemisphere_probability, 3),
+        'resolved': bool(message.resolved)}
 
-    def _delay(self, now: float) -> float | None:
-        return number(statistics.median(self._delays), 3) if self._delays and self._fresh('bearing', now) else None
+
+def _fusion_part(message: Any) -> dict[str, Any]:
+    return {
+        'reason': message.reason[:LONGEST_TEXT], 'missing': [name[:LONGEST_TEXT] for name in message.missing[:10]],
+        'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence)}
+
+
+def _command_part(message: Any) -> dict[str, Any]:
+    return {'mode': Mode(message.mode).name.lower(), 'reason': message.reason[:LONGEST_TEXT],
+            'pan': degrees(message.pan) if message.move_gimbal else None,
+            'tilt': degrees(message.tilt) if message.move_gimbal else None,
+            'yaw_rate': degrees(message.yaw_rate) if message.move_body else None}
+
+
+# Parts of a snapshot that follow from a recent message alone.
+PARTS: dict[str, Callable[[Any], dict[str, Any]]] = {
+    'bearing': _bearing_part, 'fusion': _fusion_part, 'command': _command_part, 'world': world_part}
+
+
+def _posterior_part(message: Any) -> list[float]:
+    """Probabilities of the sectors relative to the most probable one; empty without one."""
+    most = max(message.probability, default=0.0)
+    return [round(float(value), 3) for value in np.asarray(message.probability, float) / most] if most > 0.0 else []
 
 
 def _is_recent(arrival: float, now: float) -> bool:
