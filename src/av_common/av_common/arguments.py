@@ -27,6 +27,20 @@ def number(text: str) -> int:
     return int(checked(text, lambda value: value >= 1 and value.is_integer(), 'an integer above 0'))
 
 
+def within(low: float, high: float, whole: bool = False) -> Callable[[str], float]:
+    """A type of numbers with bounds.
+
+    Parameters:
+        low, high: smallest and largest number.
+        whole: whether they are integers.
+    """
+    def parse(text: str) -> float:
+        value = checked(text, lambda value: low <= value <= high and (not whole or value.is_integer()),
+                        f'{"an integer" if whole else "a number"} of {low:g} to {high:g}')
+        return int(value) if whole else value
+    return parse
+
+
 def checked(text: str, fits: Callable[[float], bool], expected: str) -> float:
     """The number that a text gives. Raises ArgumentTypeError where it does not fit.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
+
+from av_view.numbers import LONGEST_TEXT
 
 SILENT_S = 5.0  # after its newest status, from which a node counts as ended
 FORGET_S = 600.0  # a node that has ended for longer belongs to another run
 MOST_NODES = 640  # ten of each of 64 rigs
-MOST_VALUES, LONGEST_TEXT = 60, 400
+MOST_VALUES = 60
 WAITING = ('recorder_node', 'not active')  # for its button, as it should
 LEVELS = ('ok', 'warning', 'error', 'stale')
 ADVICE: tuple[tuple[str, str, str], ...] = (
@@ -45,19 +46,12 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
 )
 
 
-@dataclass
-class _Node:
-    level: int
-    message: str
-    values: list[tuple[str, str]]
-    arrival: float
-
-
 class Health:
     """The newest status of each node. Of bounded size, whatever arrives."""
 
     def __init__(self) -> None:
-        self._nodes: dict[str, _Node] = {}
+        # Arrival, level, message and values of the newest status of each node.
+        self._nodes: dict[str, tuple[float, str, str, list[tuple[str, str]]]] = {}
 
     def on_diagnostics(self, message: Any, now: float) -> None:
         """Take a `DiagnosticArray`.
@@ -71,7 +65,7 @@ class Health:
             if name in self._nodes or len(self._nodes) < MOST_NODES:
                 level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
                 values = [(entry.key[:LONGEST_TEXT], entry.value[:LONGEST_TEXT]) for entry in status.values[:MOST_VALUES]]
-                self._nodes[name] = _Node(min(level, len(LEVELS) - 1), status.message[:LONGEST_TEXT], values, now)
+                self._nodes[name] = now, LEVELS[min(level, len(LEVELS) - 1)], status.message[:LONGEST_TEXT], values
 
     def report(self, now: float, namespace: str = '') -> list[dict[str, Any]]:
         """The nodes of a namespace, worst first: name, level, words, advice, values, and age of the status (s).
@@ -80,19 +74,18 @@ class Health:
             now (s): the present.
             namespace: such as '/left'; empty for nodes outside of any namespace.
         """
-        self._nodes = {name: node for name, node in self._nodes.items() if now - node.arrival < FORGET_S}
-        entries = [_entry(name, node, now) for name, node in self._nodes.items() if name.rpartition('/')[0] == namespace]
+        self._nodes = {name: node for name, node in self._nodes.items() if now - node[0] < FORGET_S}
+        entries = [_entry(name, now - arrival, level, words, values)
+                   for name, (arrival, level, words, values) in self._nodes.items() if name.rpartition('/')[0] == namespace]
         return sorted(entries, key=lambda entry: (-LEVELS.index(entry['level']), entry['node']))
 
 
-def _entry(name: str, node: _Node, now: float) -> dict[str, Any]:
-    age = now - node.arrival
-    words, level = node.message, LEVELS[node.level]
+def _entry(name: str, age: float, level: str, words: str, values: list[tuple[str, str]]) -> dict[str, Any]:
     if age > SILENT_S:
-        words, level = f'says nothing for {age:.0f} s: it hangs or has ended. Before: {node.message}', 'stale'
+        words, level = f'says nothing for {age:.0f} s: it hangs or has ended. Before: {words}', 'stale'
     advice = list(advise(name.rpartition('/')[2], words)) if level != 'ok' else []
     level = 'ok' if (name.rpartition('/')[2], words) == WAITING else level
-    return {'node': name, 'level': level, 'words': words, 'advice': advice, 'values': node.values, 'age': round(age, 1)}
+    return {'node': name, 'level': level, 'words': words, 'advice': advice, 'values': values, 'age': round(age, 1)}
 
 
 def advise(node: str, words: str) -> Iterable[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-LONGEST_TEXT, LONGEST_NAME = 300, 40  # characters of a text, or a name, that comes from a message
+LONGEST_TEXT, LONGEST_NAME = 400, 40  # characters of a text, or a name, that comes from a message
 MOST_BOXES, MOST_TRACKS, MOST_GROUPS = 50, 50, 8
 STALE_S = 1.0  # age from which a measurement is no longer shown
 PICTURE_STALE_S = 3.0  # the same of a picture: cameras may be slow

@@ -12,9 +12,11 @@ import json
 import math
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from av_bringup.launching import CONFIG
+from av_common.arguments import checked, within
 from av_common.rig import Rig
 from av_view.doctor import program
 from av_view.doctor.files import judge_files
@@ -33,33 +35,24 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--rig', default=str(CONFIG / 'rig.yaml'), help='description of the rig')
     parser.add_argument('--params', action='append', default=[], metavar='FILE', help='parameter file, as params:=')
     parser.add_argument('--only', nargs='+', choices=AREAS, default=DEFAULT, help='areas to look at (default: all but px4)')
-    parser.add_argument('--seconds', type=float, default=3.0, help='to listen and to look')
-    parser.add_argument('--clap', metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
+    parser.add_argument('--seconds', type=within(*SECONDS), default=3.0, help='to listen and to look')
+    parser.add_argument('--clap', type=azimuth, metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
     parser.add_argument('--json', action='store_true', help='print JSON')
     live = parser.add_argument_group('a rig that runs')
     live.add_argument('--live', action='store_true', help='test the whole chain step by step')
     live.add_argument('--namespace', default='', metavar='NAME', help='of the rig')
     live.add_argument('--report', type=Path, default=Path('doctor_report.md'), metavar='FILE', help='to write (%(default)s)')
-    live.add_argument('--marker-side', type=float, default=0.0, metavar='M', help='of the black square, for the focal length')
-    live.add_argument('--distance', type=float, default=1.0, metavar='M', help='of the marker ahead (%(default)g)')
-    options = parser.parse_args(words)
-    if not SECONDS[0] <= options.seconds <= SECONDS[1]:
-        parser.error(f'--seconds is {options.seconds:g}, expected {SECONDS[0]:g} to {SECONDS[1]:g}')
-    if not (0.0 <= options.marker_side <= 10.0 and 0.1 <= options.distance <= 100.0):
-        parser.error(f'--marker-side {options.marker_side:g} and --distance {options.distance:g}, '
-                     'expected 0 to 10 m, and 0.1 to 100 m')
-    if options.clap is not None:
-        options.clap = math.radians(DIRECTIONS.get(options.clap, _number(options.clap)))
-        if not abs(options.clap) <= math.tau:
-            parser.error(f"--clap is not {', '.join(DIRECTIONS)}, or degrees from -360 to 360")
-    return options
+    live.add_argument('--marker-side', type=within(0.0, 10.0), default=0.0, metavar='M',
+                      help='of the black square, for the focal length')
+    live.add_argument('--distance', type=within(0.1, 100.0), default=1.0, metavar='M',
+                      help='of the marker ahead (%(default)g)')
+    return parser.parse_args(words)
 
 
-def _number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
+def azimuth(word: str) -> float:
+    """An azimuth (rad) by its name or in degrees. Raises ArgumentTypeError for others."""
+    degrees = str(DIRECTIONS.get(word, word))
+    return math.radians(checked(degrees, lambda value: abs(value) <= 360.0, f'{", ".join(DIRECTIONS)}, or -360 to 360'))
 
 
 def look(options: argparse.Namespace) -> list[Finding]:
@@ -96,7 +89,7 @@ def main(words: Sequence[str] | None = None) -> None:
     found = look(options)
     errors = sum(finding.level == 'error' for finding in found)
     if options.json:
-        print(json.dumps({'errors': errors, 'findings': [finding.as_dict() for finding in found]}, indent=1))
+        print(json.dumps({'errors': errors, 'findings': [asdict(finding) for finding in found]}, indent=1))
     else:
         print(*(finding.lines() for finding in found), sep='\n')
         unknown = sum(finding.level == 'unknown' for finding in found)

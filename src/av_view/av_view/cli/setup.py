@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from av_bringup.launching import CONFIG
+from av_common.arguments import within
 from av_common.microphone_array import MicrophoneArray
 from av_view.doctor.files import judge_files
 from av_view.doctor.program import devices
@@ -30,31 +31,13 @@ def ask(question: str, default: str, parse: Callable[[str], T]) -> T:
     Parameters:
         question: to print.
         default: the answer for an empty line.
-        parse: makes the answer's value of its text; raises ValueError for one that cannot be used.
+        parse: makes the answer's value of its text; raises ValueError or ArgumentTypeError.
     """
     while True:
         try:
             return parse(input(f'{question} [{default}]: ').strip() or default)
-        except ValueError as error:
+        except (ValueError, argparse.ArgumentTypeError) as error:
             print(f'  {error}')
-
-
-def within(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], Any]:
-    """A parser of numbers with bounds.
-
-    Parameters:
-        kind: `int` or `float`.
-        low, high: smallest and largest number.
-    """
-    def parse(text: str) -> float:
-        try:
-            value = kind(text)
-        except ValueError:
-            raise ValueError(f'{text!r} is no number') from None
-        if not low <= value <= high:
-            raise ValueError(f'{value:g}, expected {low:g} to {high:g}')
-        return value
-    return parse
 
 
 def position(text: str) -> list[float]:
@@ -101,17 +84,17 @@ def interview() -> tuple[MicrophoneArray, dict[str, Any], dict[str, Any]]:
         print(finding.lines())
     array = ask(f'Microphones: {", ".join(ARRAYS)}, or the spacing of a pair (m)', '0.2', array_of)
     sound = {'source': 'device', 'device': ask('Microphones: index or part of the name', '', str),
-             'sample_rate': ask('Microphones: sample rate (Hz)', '48000', within(int, 8000, 384_000)),
+             'sample_rate': ask('Microphones: sample rate (Hz)', '48000', within(8000, 384_000, whole=True)),
              'channels': ask('Microphones: channels in the order of the array (of a pair: left, right)',
                              ' '.join(map(str, range(array.channels))), whole_numbers(array.channels))}
     mount = {'position': ask('Microphones: position of their middle (m)', DEFAULT_MOUNT, position),
-             'rpy_deg': [0.0, 0.0, ask('Microphones: heading, counter-clockwise (deg)', '0', within(float, -180, 180))]}
-    camera = {'width': ask('Camera: width (pixels)', '640', within(int, 16, 8192)),
-              'height': ask('Camera: height (pixels)', '480', within(int, 16, 8192)),
-              'horizontal_fov_deg': ask('Camera: horizontal field of view (deg)', '70', within(float, 1, 150))}
+             'rpy_deg': [0.0, 0.0, ask('Microphones: heading, counter-clockwise (deg)', '0', within(-180, 180))]}
+    camera = {'width': ask('Camera: width (pixels)', '640', within(16, 8192, whole=True)),
+              'height': ask('Camera: height (pixels)', '480', within(16, 8192, whole=True)),
+              'horizontal_fov_deg': ask('Camera: horizontal field of view (deg)', '70', within(1, 150))}
     sight = {'source': 'device', 'device': ask('Camera: index, path, or realsense', '0', str)}
     gimbal = ask('Does a gimbal carry the camera? (y/n)', 'n', yes)
-    pitch = 0.0 if gimbal else ask('Camera: looks up by (deg)', '8', within(float, -90, 90))
+    pitch = 0.0 if gimbal else ask('Camera: looks up by (deg)', '8', within(-90, 90))
     place = ask('Gimbal: position (m)' if gimbal else 'Camera: position (m)', DEFAULT_CAMERA, position)
     rig: dict[str, Any] = {
         'array': {'file': 'array.yaml', 'mount': mount},

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 Level = Literal['ok', 'warning', 'error', 'unknown']
 MARKS: dict[Level, str] = {'ok': 'ok     ', 'warning': 'warning', 'error': 'ERROR  ', 'unknown': '?      '}
@@ -28,7 +28,3 @@ class Finding:
     def lines(self) -> str:
         """For a terminal."""
         return f'{MARKS[self.level]}  {self.area}: {self.words}' + (f'\n             -> {self.remedy}' if self.remedy else '')
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
