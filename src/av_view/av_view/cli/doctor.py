@@ -36,7 +36,8 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--params', action='append', default=[], metavar='FILE', help='parameter file, as params:=')
     parser.add_argument('--only', nargs='+', choices=AREAS, default=DEFAULT, help='areas to look at (default: all but px4)')
     parser.add_argument('--seconds', type=within(*SECONDS), default=3.0, help='to listen and to look')
-    parser.add_argument('--clap', type=azimuth, metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
+    parser.add_argument('--clap', type=azimuth, metavar='WHERE',
+                        help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
     parser.add_argument('--json', action='store_true', help='print JSON')
     live = parser.add_argument_group('a rig that runs')
     live.add_argument('--live', action='store_true', help='test the whole chain step by step')
