@@ -24,30 +24,36 @@ class Instant(NamedTuple):
 
 
 class CaptureClock:
-    """Capture times by the steady clock, of stamps of a node's clock that may be set back by too little to be noticed.
+    """Capture times by the steady clock, of stamps of a node's clock that may be set, or be simulated and slow.
 
-    What a clock showed ahead of the steady one counts until DISTRUST_S after the clock was set back: what was captured before
+    A stamp was captured when the node's clock first showed it within DISTRUST_S: what was captured before the clock was set back
     is never taken for newer than it is, however often that happens.
     """
 
     def __init__(self) -> None:
-        self._ahead: deque[tuple[float, float]] = deque()  # (until when, by what), of what was ahead further than later
+        self._shown: deque[Instant] = deque()
 
     def note(self, now: Instant) -> None:
         """Note both clocks."""
-        ahead = now.ros - now.steady
-        if self._ahead:
-            self._ahead[-1] = now.steady, self._ahead[-1][1]
-        while self._ahead and self._ahead[-1][1] <= ahead:
-            self._ahead.pop()
-        self._ahead.append((now.steady, ahead))
-        while self._ahead[0][0] < now.steady - DISTRUST_S:
-            self._ahead.popleft()
+        self._shown.append(now)
+        while self._shown[0].steady < now.steady - DISTRUST_S:
+            self._shown.popleft()
 
     def captured(self, stamp: float, now: Instant) -> float:
         """When (s, steady) a message with a stamp (s) that arrives `now` was captured, at the latest."""
-        ahead = max(self._ahead[0][1] if self._ahead else -math.inf, now.ros - now.steady)
-        return min(stamp - ahead, now.steady)
+        self.note(now)
+        before = None
+        for at in self._shown:
+            if at.ros >= stamp:
+                break
+            before = at
+        else:
+            return now.steady
+        evenly = at.steady - (at.ros - stamp)    # of a clock that was set ahead since, too
+        if before is None:
+            return evenly
+        share = (stamp - before.ros) / (at.ros - before.ros)
+        return min(evenly, before.steady + share * (at.steady - before.steady))
 
 
 class SeenStamps:
@@ -87,7 +93,7 @@ class FreshInput:
 
     Parameters:
         latency (s): delay from capture to arrival that adds nothing to the age.
-        clock: gives capture times; by default one that knows no more than the time of arrival.
+        clock: gives capture times; by default one that knows the times of arrival.
     """
 
     def __init__(self, latency: float = 0.0, clock: CaptureClock | None = None) -> None:

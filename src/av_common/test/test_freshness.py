@@ -129,3 +129,16 @@ def test_steps_back_that_nobody_notices_make_nothing_newer(steps):
     for k in range(50, 120):
         clock.note(at(0.02 * k, 0.02 * k - behind))
     assert clock.captured(now.ros + 1.0, at(2.4, 2.4 - behind)) == pytest.approx(50.0 + time + 1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('rate', [0.25, 0.5, 0.75, 2.0])
+def test_slow_and_fast_simulated_time_make_nothing_older_or_newer(rate):
+    """What was captured 0.3 s ago is so old, whatever the simulated clock counted since."""
+    clock = CaptureClock()
+    data = FreshInput(math.inf, clock)
+    for k in range(150):
+        now = at(0.02 * k, rate * 0.02 * k)
+        clock.note(now)
+        if k >= 15:
+            assert data.take(START + rate * 0.02 * (k - 15), now)
+            assert data.captured_age(now) == pytest.approx(0.3, abs=1e-6)

@@ -65,7 +65,6 @@ class PointingStage:
             arrival: time of its arrival.
         """
         track = track_of_bearing(message)
-        self._clock.note(arrival)
         if 'target/bearing' in self.contested:
             self._measured.skip(track.measured, arrival)
             return self.on_time(arrival)

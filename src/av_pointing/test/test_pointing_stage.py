@@ -122,6 +122,22 @@ def test_a_pose_that_was_used_is_not_new_when_its_time_comes_again_after_a_step_
     assert rates[8:60] == pytest.approx([0.0] * 52) and rates[-1] > 0.1
 
 
+@pytest.mark.parametrize('rate', [0.4, 0.75, 1.0])
+def test_the_body_turns_while_simulated_time_is_slow(rate):
+    """As of a simulator on a busy machine: bearings 0.1 s old, 20 a second of simulated time."""
+    stage, rates = make_stage(), []
+    for k in range(300):
+        now = Instant(START + 0.01 * k, START + 0.01 * rate * k)
+        pose = Odometry()
+        pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(now.ros), 1.0
+        stage.on_odometry(pose, now)
+        command = stage.on_time(now)
+        if k % round(5.0 / rate) == 0:
+            command = stage.on_bearing(bearing(now.ros - 0.1, 0.5), now)
+        rates.append(command.yaw_rate)
+    assert min(rates[100:]) > 0.1
+
+
 @pytest.mark.parametrize(('values', 'named'), [
     ({'body_follows_at_deg': 150.0}, r'body_follows_at_deg is 150, .*expected less than 150'),
     ({'body_follows_at_deg': 90.0}, 'body_follows_at_deg is 90, .*expected less than 60')])
