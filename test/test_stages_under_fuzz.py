@@ -152,7 +152,7 @@ def px4_inputs() -> dict[type, Any]:
 
     def taking(take: Any) -> Any:
         return lambda message, now: sent(take(message, Instant(now, now)) + stage.on_time(Instant(now, now)))
-    kinds = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
+    kinds = {'vehicle_status': 'VehicleStatus', 'vehicle_odometry': 'VehicleOdometry',
              'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',
              'gimbal_device_attitude_status': 'GimbalDeviceAttitudeStatus',
              'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest',

@@ -24,7 +24,7 @@ from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Register, Registration
-from av_px4.frames import Pose, pose_from_px4
+from av_px4.frames import pose_from_px4
 from av_px4.gimbal import DEFAULT_MOUNT, AfterTakeover, Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
@@ -39,11 +39,11 @@ from av_px4.guard import (
 from av_px4.handover import VehicleStatus
 from av_px4.odometry import RADIANS_PER_RPM, OdometryConverter, commanded_speeds, measured_speeds
 
-STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors', 'gimbal')
+STREAMS = ('status', 'odometry', 'position', 'command', 'bearing', 'motors', 'gimbal')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
 NO_MODE = 'the installed px4_msgs has no external modes (PX4 1.15 and later have): set offboard to have OFFBOARD turn the body'
 RATE_HZ = 50.0        # of control steps without pointing commands; each command causes a step at once
-GAP_S = 0.5           # without vehicle_odometry or esc_status, after which vehicle_attitude or actuator_motors take its place
+GAP_S = 0.5           # without esc_status, after which actuator_motors takes its place
 HEARTBEAT = 'offboard_control_mode'
 AIMS = (PointingCommand.MODE_TRACK, PointingCommand.MODE_LOOK)    # modes in which the gimbal moves
 # Messages whose age PX4 judges: one that waited in a stall must not count as new. It stamps all others on arrival, which does
@@ -97,7 +97,7 @@ class Px4Stage:
         self._commanded = FreshInput()
         self.contested: Mapping[str, list[str]] = {}  # publishers of the commands or bearings where there are several
         self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN + MARGIN)
-        self._started = self._last_step = -math.inf
+        self._last_step = -math.inf
         self._status: VehicleStatus | None = None
         self._attitude: Any = None
         self._command = PointingCommand()
@@ -122,7 +122,7 @@ class Px4Stage:
             now: time of the start
             former: the external mode of an earlier process, which PX4 may still have
         """
-        self._now, self._started = now, now.steady
+        self._now = now
         if self.mode:
             self.mode.start(now.steady, former)
 
@@ -196,21 +196,9 @@ class Px4Stage:
                              message.velocity_frame)
         self.meters['odometry'].tick()
         self._attitude = message.q
-        return self._odometry(message, pose, message.reset_counter)
-
-    def on_vehicle_attitude(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """Store the attitude, and convert it to odometry if the firmware sends no vehicle_odometry."""
-        self._now, out = arrival, []
-        if min(self.meters['odometry'].age, arrival.steady - self._started) > GAP_S:
-            unknown = (0.0, 0.0, 0.0)
-            position = unknown if self._place.current is None else self._place.current
-            pose = pose_from_px4(position, message.q, unknown, unknown)
-            # a negative counter makes a change of the source count as a reset, too
-            out = self._odometry(message, pose, -1 - message.quat_reset_counter)
-        if 0.9 < sum(part * part for part in message.q) < 1.1:
-            self.meters['attitude'].tick()
-            self._attitude = message.q
-        return out
+        time = 1e-6 * (message.timestamp_sample or message.timestamp)
+        odometry = self.odometry.convert(time, arrival.ros, pose, message.reset_counter)
+        return [] if odometry is None else [Outgoing(ODOMETRY_TOPIC, odometry)]
 
     def on_vehicle_local_position(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Store the position, which is held while the body turns."""
@@ -233,7 +221,7 @@ class Px4Stage:
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the gimbal's orientation, from which its motion also starts after a claim."""
         self._now = arrival
-        known = self._attitude_age <= ATTITUDE_TIMEOUT
+        known = self.meters['odometry'].age <= ATTITUDE_TIMEOUT
         state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
         if known:
             self.meters['gimbal'].tick()
@@ -331,7 +319,7 @@ class Px4Stage:
         place = self._place.held is not None or (self._place.current is not None
                                                  and meters['position'].age <= POSITION_TIMEOUT)
         return Inputs(
-            self._status, meters['status'].age, self._attitude_age, meters['position'].age,
+            self._status, meters['status'].age, meters['odometry'].age, meters['position'].age,
             self._commanded.age(self._now), self._measured_target.age(self._now),
             0.0 if command.mode == PointingCommand.MODE_HOLD else command.yaw_rate,
             self._parameters.turn_body and command.move_body,
@@ -350,10 +338,6 @@ class Px4Stage:
             self._status.nav_state if self._status and inputs.status_age <= STATUS_TIMEOUT else None,
             self.system_id, self.gimbal_feedback.reported if self.meters['gimbal'].age <= FEEDBACK_TIMEOUT_S else None)
 
-    @property
-    def _attitude_age(self) -> float:
-        return min(self.meters['attitude'].age, self.meters['odometry'].age)
-
     def _steady(self) -> float:
         return self._now.steady
 
@@ -365,11 +349,6 @@ class Px4Stage:
 
     def _out(self, topic: str, make: Any, *content: Any) -> Outgoing:
         return Outgoing(topic, make(self._messages, round(1e6 * self._now.ros) if topic in STAMPED else 0, *content))
-
-    def _odometry(self, message: Any, pose: Pose, counter: int) -> list[Outgoing]:
-        time = 1e-6 * (message.timestamp_sample or message.timestamp)
-        odometry = self.odometry.convert(time, self._now.ros, pose, counter)
-        return [] if odometry is None else [Outgoing(ODOMETRY_TOPIC, odometry)]
 
     def _setpoint(self, yaw_rate: float) -> Outgoing:
         return self._out('trajectory_setpoint', px4.setpoint_message, self._place.hold(), yaw_rate)

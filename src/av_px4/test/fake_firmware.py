@@ -10,7 +10,7 @@ from px4_layouts import definitions
 from av_px4.layouts import layout_hash
 from av_px4.messages import characters, text
 
-OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
+OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_odometry': 'VehicleOdometry',
            'vehicle_local_position': 'VehicleLocalPosition'}
 INPUTS = {'vehicle_command': 'VehicleCommand', 'offboard_control_mode': 'OffboardControlMode',
           'trajectory_setpoint': 'TrajectorySetpoint'}
@@ -65,8 +65,6 @@ class FakeFirmware:
         model.advance(PERIOD)
         heading, reset = model.estimated_heading, model.resets
         q = quaternion(heading)
-        yield 'vehicle_attitude', messages.VehicleAttitude(
-            timestamp=now, timestamp_sample=now, q=q, quat_reset_counter=reset, delta_q_reset=quaternion(model.last_reset))
         yield 'vehicle_odometry', messages.VehicleOdometry(
             timestamp=now, timestamp_sample=now, pose_frame=1, velocity_frame=1, position=list(model.position), q=q,
             velocity=list(model.velocity), angular_velocity=[0.0, 0.0, model.yaw_rate], reset_counter=reset)

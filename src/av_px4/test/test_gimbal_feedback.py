@@ -95,7 +95,7 @@ def test_the_stage_publishes_it_and_not_without_a_fresh_attitude():
         rig.run(0.02)
         rig.take('gimbal_device_attitude_status', report(YAW_IN_VEHICLE_FRAME, -40.0, 25.0, rig.time))
     assert len(rig.of('gimbal/state')) > 90
-    rig.silent, began = {'vehicle_attitude'}, rig.time
+    rig.silent, began = {'vehicle_odometry'}, rig.time
     for _ in range(50):
         rig.run(0.02)
         rig.take('gimbal_device_attitude_status', report(YAW_IN_VEHICLE_FRAME, -40.0, 25.0, rig.time))

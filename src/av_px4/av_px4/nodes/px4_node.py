@@ -34,10 +34,9 @@ from av_px4.stage import (
     Px4Stage,
 )
 
-OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
+OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_odometry': 'VehicleOdometry', 'esc_status': 'EscStatus',
            'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',
-           'gimbal_device_attitude_status': 'GimbalDeviceAttitudeStatus',
-           'esc_status': 'EscStatus', 'actuator_motors': 'ActuatorMotors'}
+           'gimbal_device_attitude_status': 'GimbalDeviceAttitudeStatus', 'actuator_motors': 'ActuatorMotors'}
 MODE_OUTPUTS = {'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest',
                 'setpoint_config_reply': 'SetpointConfigReply'}
 MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
