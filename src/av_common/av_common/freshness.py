@@ -26,8 +26,8 @@ class Instant(NamedTuple):
 class CaptureClock:
     """Capture times by the steady clock, of stamps of a node's clock that may be set, or be simulated and slow.
 
-    A stamp was captured when the node's clock first showed it within DISTRUST_S: what was captured before the clock was set back
-    is never taken for newer than it is, however often that happens.
+    A stamp was captured when the node's clock first showed it within DISTRUST_S: what was captured before it was set back is
+    never taken for newer than it is, however often that happens.
     """
 
     def __init__(self) -> None:
