@@ -51,9 +51,7 @@ class CameraView:
         return found[0] if found and 0.0 <= found[0][0] <= 1.0 and 0.0 <= found[0][1] <= 1.0 else None
 
     def meridian(self, azimuth: float) -> list[list[float]]:
-        """The line of all directions of one azimuth (rad), from below to above; empty outside of the field of view."""
-        if not abs(wrap(azimuth - self.axis[0])) <= 0.5 * MARGIN * self.model.horizontal_fov_rad:
-            return []
+        """The line of all directions of one azimuth (rad), from below to above; empty behind the camera."""
         return self._project(np.full(STEPS, azimuth), self._elevations)
 
     def band(self, azimuth: float, sigma: float) -> list[list[float]]:

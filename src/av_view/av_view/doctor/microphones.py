@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -70,15 +69,13 @@ def resampled_from(samples: NDArray, rate: float) -> float | None:
     return None
 
 
-def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Sequence[float] = (),
-                array: MicrophoneArray | None = None) -> list[Finding]:
+def judge_sound(samples: NDArray, rate: float, delivered: float, array: MicrophoneArray | None = None) -> list[Finding]:
     """Judge a recording of the surroundings.
 
     Parameters:
         samples (n, channels): as captured, full scale is 1.
         rate (Hz): the rate that was asked for.
         delivered (Hz): the rate at which samples came.
-        hardware (Hz): rates of the captures of the system's drivers meanwhile; empty where it does not tell.
         array: the microphones of the channels; None where they are not known.
     """
     health = ChannelHealth(samples.shape[1], rate, array)
@@ -89,7 +86,7 @@ def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Seque
     if abs(delivered / rate - 1.0) > RATE_TOLERANCE:
         found.append(Finding(AREA, 'error', f'{delivered:.0f} samples a second come instead of {rate:.0f}',
                              'set sample_rate of audio_node to what the device supports; connect it without a hub'))
-    given = resampled_from(samples, rate) or next((one for one in hardware if rate not in hardware), None)
+    given = resampled_from(samples, rate)
     if given is not None:
         found.append(Finding(AREA, 'warning', f'{rate:.0f} Hz are made from {given:.0f} Hz or less: a sound server resamples',
                              f'set sample_rate of audio_node to {given:.0f}, or device to the hardware (hw:...)'))

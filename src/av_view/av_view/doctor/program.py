@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import re
 import shutil
 import subprocess
 import time
@@ -35,7 +34,6 @@ from av_vision.stage import make_detection_stage
 KEPT_IMAGES = 10  # of which differences are taken
 AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
 ROUNDS = 14  # of a detector, of which the second half is timed
-HARDWARE_RATE = re.compile(r'^rate: (\d+)', re.MULTILINE)
 WARM_UP_S = 0.6  # that the source itself leaves out
 LATE_S = 10.0  # for which samples are waited for on a busy machine
 
@@ -109,14 +107,13 @@ def microphones(rig: Rig, parameter_files: Sequence[str | Path], seconds: float,
         while len(samples) < seconds * settings.sample_rate and time.monotonic() < end:
             time.sleep(0.05)
             samples = np.concatenate([samples, _all(buffer, len(channels))])
-        hardware = _hardware_rates()
     finally:
         source.stop()
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.ppm)
     array = rig.array.geometry if rig.array.geometry.channels == len(channels) else None
-    found = judge_sound(samples, settings.sample_rate, delivered, hardware, array)
+    found = judge_sound(samples, settings.sample_rate, delivered, array)
     if clap is not None and array is not None:
         found.append(judge_clap(samples, settings.sample_rate, array, clap))
     return found
@@ -206,12 +203,6 @@ def _all(buffer: RingBuffer, channels: int) -> NDArray[Any]:
     while buffer.available:
         blocks.append(buffer.read()[1])
     return np.concatenate(blocks)
-
-
-def _hardware_rates() -> list[float]:
-    """Rates (Hz) of all captures by ALSA's drivers at the moment; a sound server may stand between them and the program."""
-    words = [file.read_text() for file in Path('/proc/asound').glob('card*/pcm*c/sub*/hw_params')]
-    return [float(found[1]) for found in map(HARDWARE_RATE.search, words) if found]
 
 
 def _synchronised() -> bool | None:

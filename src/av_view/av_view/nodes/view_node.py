@@ -6,9 +6,7 @@ import errno
 import json
 import os
 import time
-from contextlib import suppress
-from functools import partial, update_wrapper
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -34,22 +32,17 @@ if TYPE_CHECKING:
 HEALTH_PERIOD_S = 1.0  # as nodes report to /diagnostics
 LINGER_S = 20.0  # from the end of the last viewer until nothing is subscribed any more
 RATE_HZ = 10.0  # most pictures and updates a second, which cost 7 % of a core for one viewer
-NICENESS = 10  # of this process below those of the rig, once the page is up
+NICENESS = 10  # of this process below those of the rig
 UNSEEN_PERIOD_S = 20.0  # of a look at /diagnostics while nobody looks at a rig
 DIAGNOSTICS = QoSProfile(depth=MOST_NODES, reliability=RESULT.reliability)
 BEARING = '/target/bearing'  # by which a rig is found
 
 
 class ViewNode(RigNode):
-    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at.
+    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at."""
 
-    Parameters:
-        owns_process: whether nothing else is in this process, so that its priority can be set.
-    """
-
-    def __init__(self, owns_process: bool = False) -> None:
+    def __init__(self) -> None:
         super().__init__('view_node', parameters)
-        self._owns_process = owns_process
 
     def configure(self) -> None:
         """Start with no rig and no viewer."""
@@ -80,8 +73,6 @@ class ViewNode(RigNode):
         except OSError:
             self.server.stop()    # the next attempt needs its port
             raise
-        if self._owns_process:
-            lower_priority(NICENESS)
         self._diagnostics = self.create_reader(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         self.create_steady_timer(1.0 / RATE_HZ, self._update)
 
@@ -182,17 +173,7 @@ class ViewNode(RigNode):
         status.add('requests refused', str(self.server.refused))
 
 
-def lower_priority(niceness: int) -> None:
-    """Put all threads of this process behind those of others, which Linux does for each thread.
-
-    Parameters:
-        niceness: 0 to 19.
-    """
-    for thread in Path('/proc/self/task').iterdir():
-        with suppress(ProcessLookupError):    # it has just ended
-            os.setpriority(os.PRIO_PROCESS, int(thread.name), niceness)
-
-
 def main() -> None:
-    """Run the node."""
-    run(update_wrapper(partial(ViewNode, owns_process=True), ViewNode))
+    """Run the node, whose threads inherit the priority."""
+    os.nice(NICENESS)
+    run(ViewNode)
