@@ -7,6 +7,7 @@ import queue
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -186,14 +187,12 @@ class RigControl:
         raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, seek, tuning or set')
 
     def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
-        client = self._ready(service, kind)
-
         def call(_: Any = None) -> None:
-            client.call_async(wanted).add_done_callback(lambda future: done(
-                {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+            self._ask(service, kind, wanted, lambda answer: done(
+                {'done': bool(answer.success), 'words': getattr(answer, 'message', '')}))
 
         if kind is ChangeState:  # a recorder may wait unconfigured; one that does not refuses this and is left as it is
-            client.call_async(CONFIGURE).add_done_callback(call)
+            self._ask(service, kind, CONFIGURE, call)
         else:
             call()
 
@@ -202,12 +201,12 @@ class RigControl:
             self._clients[service] = self._node.create_client(kind, service)
         return self._clients[service]
 
-    def _ready(self, service: str, kind: Any) -> Any:
-        """The client of a service. Raises ValueError where nobody offers it."""
+    def _ask(self, service: str, kind: Any, wanted: Any, take: Callable[[Any], None]) -> None:
+        """Send a request to a service; its answer is taken later. Raises ValueError where nobody offers it."""
         client = self._client(service, kind)
         if not client.service_is_ready():
             raise ValueError(f'{service} is not offered at the moment: try again')
-        return client
+        client.call_async(wanted).add_done_callback(lambda future: take(future.result()))
 
     def _mark(self, rig: str, text: str, done: Done) -> None:
         """Publish a mark with the time of the rig's clock."""
@@ -231,26 +230,24 @@ class RigControl:
             if not missing:
                 done({'done': True, 'words': '', 'parameters': sorted(found, key=lambda one: one['name'])})
 
-        def described(node: str, descriptors: list[ParameterDescriptor]) -> None:
-            wanted = GetParameters.Request(names=list(TUNABLE[node]))
-            self._ready(f'{rig}/{node}/get_parameters', GetParameters).call_async(wanted).add_done_callback(
-                lambda future: got(node, descriptors, future.result().values))
+        def described(node: str, told: Any) -> None:
+            self._ask(f'{rig}/{node}/get_parameters', GetParameters, GetParameters.Request(names=list(TUNABLE[node])),
+                      lambda answer: got(node, told.descriptors, answer.values))
 
         for node in ready:
-            wanted = DescribeParameters.Request(names=list(TUNABLE[node]))
-            self._ready(f'{rig}/{node}/describe_parameters', DescribeParameters).call_async(wanted).add_done_callback(
-                lambda future, node=node: described(node, future.result().descriptors))
+            self._ask(f'{rig}/{node}/describe_parameters', DescribeParameters,
+                      DescribeParameters.Request(names=list(TUNABLE[node])),
+                      partial(described, node))
         if not ready:
             done({'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'})
 
     def _set(self, node: str, name: str, value: float | str, done: Done) -> None:
         """Set a parameter; the node checks the bounds."""
-        def told(result: Any) -> None:
-            done({'done': bool(result.successful), 'words': result.reason or 'set'})
+        def told(answer: Any) -> None:
+            done({'done': bool(answer.results[0].successful), 'words': answer.results[0].reason or 'set'})
 
-        wanted = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        self._ready(f'{node}/set_parameters', SetParameters).call_async(wanted).add_done_callback(
-            lambda future: told(future.result().results[0]))
+        self._ask(f'{node}/set_parameters', SetParameters, SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]), told)
 
 
 def _entry(node: str, descriptor: ParameterDescriptor, value: float) -> dict[str, Any]:
