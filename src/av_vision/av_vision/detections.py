@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-IOU, NESTED = 0.5, 0.6    # largest intersection over union of two objects, and share of the smaller one in the other
+NESTED = 0.6    # largest share of the smaller of two objects in the other; less than what is common at an IoU of 0.5
 
 
 class Boxes:
@@ -67,22 +66,20 @@ class Candidates(Boxes):
 def suppress(boxes: NDArray, scores: NDArray) -> NDArray[np.intp]:
     """Indices of the boxes that remain after non-maximum suppression over all classes, by falling score.
 
-    Classes compete, because there is only one object in one place. Of two boxes that overlap by more than IOU, or of which more
-    than NESTED of the smaller one is in the other, that of the lower score is removed.
+    Classes compete, because there is only one object in one place. Of two boxes of which more than NESTED of the smaller one is
+    in the other, that of the lower score is removed.
 
     Parameters:
         boxes (n, 4) (pixels): x1, y1, x2, y2.
         scores (n,): scores of the boxes.
     """
-    if not len(boxes):
-        return np.empty(0, np.intp)
-    xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).astype(np.float64)
-    selected = np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, IOU), np.intp).reshape(-1)  # type: ignore[arg-type]
-    left = boxes[selected]
-    low, high = np.maximum(left[:, None, :2], left[None, :, :2]), np.minimum(left[:, None, 2:], left[None, :, 2:])
-    area = np.prod(left[:, 2:] - left[:, :2], axis=1)
-    inside = np.clip(high - low, 0.0, None).prod(axis=2) > NESTED * np.minimum(area[:, None], area[None])
-    kept = np.ones(len(left), bool)
-    for k in range(1, len(left)):
-        kept[k] = not (inside[k, :k] & kept[:k]).any()
-    return np.asarray(selected[kept])
+    left, kept = np.argsort(-scores, kind='stable'), []
+    left = left[scores[left] > 0.0]
+    area = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
+    while len(left):
+        best, left = left[0], left[1:]
+        kept.append(best)
+        low, high = np.maximum(boxes[left, :2], boxes[best, :2]), np.minimum(boxes[left, 2:], boxes[best, 2:])
+        common = np.clip(high - low, 0.0, None).prod(axis=1)
+        left = left[common <= NESTED * np.minimum(area[left], area[best])]
+    return np.array(kept, np.intp)
