@@ -26,15 +26,13 @@ MOST_BAD = 0.05         # share of bad pixels: sold sensors have below 0.01, and
 NORMAL_MAD = 1.4826    # standard deviation of normal values over their median absolute deviation
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
 MOST_SCANS = 32              # of a JPEG; a progressive one has about ten, and each takes time for the whole image
-MOST_SEGMENTS = 256          # before the size in a JPEG
-MOST_CHUNKS = 100_000        # of a PNG; those of MOST_PIXELS have some thousand bytes each
+MOST_PARTS = 100_000         # chunks of a PNG, segments before the size in a JPEG; a PNG of MOST_PIXELS has thousands
 MOST_SIDE = 16_384           # pixels of width or height
 _MARKER = re.compile(rb'\xff([^\xff])', re.DOTALL)
 PNG = b'\x89PNG\r\n\x1a\n'
 JPEG = b'\xff\xd8'
 _CHUNK, _SIDES = struct.Struct('>I4s'), struct.Struct('>2I')    # length and kind, before content and checksum; in the first
-_SIZES = frozenset({0xC0, 0xC1, 0xC2})    # baseline, extended and progressive Huffman coding
-_OTHER_SIZES = frozenset(range(0xC3, 0xD0)) - {0xC4, 0xC8, 0xCC}    # lossless, hierarchical, arithmetic coding
+_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}    # of frames, whatever their coding
 _BARE = frozenset({0x01, *range(0xD0, 0xD8)})    # markers without a segment
 
 
@@ -231,7 +229,7 @@ def size_of(data: bytes | memoryview) -> tuple[int, int]:
 def _size_of_png(data: bytes) -> tuple[int, int] | None:
     """The size in the first chunk of a whole file: OpenCV takes memory for what a chunk claims, and reads no other files."""
     position = len(PNG)
-    for _ in range(MOST_CHUNKS):
+    for _ in range(MOST_PARTS):
         if position + _CHUNK.size > len(data):
             return None
         length, kind = _CHUNK.unpack_from(data, position)
@@ -250,7 +248,7 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
     if data.count(b'\xff\xda') > MOST_SCANS:
         raise ValueError(f'image: a JPEG of more than {MOST_SCANS} scans')
     position = len(JPEG)
-    for _ in range(MOST_SEGMENTS):
+    for _ in range(MOST_PARTS):
         found = _MARKER.search(data, position)
         if found is None or found.end() + 7 > len(data):
             return None
@@ -258,7 +256,7 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
         if marker in _SIZES:
             height, width = struct.unpack_from('>2H', data, position + 3)
             return width, height
-        if marker in _OTHER_SIZES or marker in (0xD9, 0xDA):
+        if marker in (0xD9, 0xDA):
             return None
         if marker and marker not in _BARE:
             position += max(struct.unpack_from('>H', data, position)[0], 2)

@@ -124,7 +124,9 @@ class Detector:
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in the image and probabilities of names, of those that are whole in a region and not smaller than its least."""
         model = self.near if region.kind == 'near' else self.model
-        fitted, scale = letterbox(cut(image, region), *self._input_size(region.height, region.width, region.longest))
+        size = fitting_size(region.height, region.width, region.longest) if self.model.dynamic_size else self.model.size
+        part = image[region.y:region.y + region.height, region.x:region.x + region.width]
+        fitted, scale = letterbox(part, *size)
         boxes, probabilities = model.boxes(fitted, (scale * region.height, scale * region.width), floor)
         boxes = self._in_image(boxes, scale, model.box_padding) + np.array([region.x, region.y] * 2, np.float32)
         selected = whole_in_tile(boxes, region, image.shape[1], image.shape[0])
@@ -138,10 +140,6 @@ class Detector:
         half = (half - np.minimum(0.5 * padding, half)) / scale + np.minimum(0.5 * self.model.box_padding, half)
         return np.concatenate([middle - half, middle + half], axis=1)
 
-    def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:
-        """Height and width of the model's input for an image whose longer side shall become `longest`."""
-        return fitting_size(height, width, longest) if self.model.dynamic_size else self.model.size
-
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
         """Largest probability of each name, without boxes of unnamed classes."""
         count = len(self.model.class_names)
@@ -149,8 +147,3 @@ class Detector:
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
         return boxes[good], np.stack([table[:, classes].max(axis=1) for classes in self._classes], axis=1)
-
-
-def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
-    """The part of an image (h, w, 3) in a region."""
-    return image[region.y:region.y + region.height, region.x:region.x + region.width]

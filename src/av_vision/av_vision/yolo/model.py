@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
-from av_vision.yolo.layout import TABLE_COLUMNS, Layout, recognise
+from av_vision.yolo.layout import TABLE_COLUMNS, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY, to_tensor
 from av_vision.yolo.rows import Decoded, LayoutError, RowReader
 
@@ -62,12 +62,20 @@ class Model:
         self.dynamic_size = not all(isinstance(side, int) for side in size)
         self.longest = self._longest(input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
-        self.box_padding = self._box_padding()
-        self.near = self._near()
-        self.score_threshold = self._score_threshold()
+        self.box_padding = np.array(self._stated('padding', '[0, 0]', _is_padding, '[width, height] to 100 pixels'), np.float32)
+        near = self._stated('near_imgsz', '0', lambda given: isinstance(given, int) and given >= 0 and given % 32 == 0,
+                            'a multiple of 32')
+        # Only where the first input is so much larger that the second costs little.
+        self.near = near if self.dynamic_size and self.longest >= 3 * near else 0
+        self.score_threshold = float(self._stated(
+            'score_threshold', '0.25', lambda given: isinstance(given, (int, float)) and 0.0 <= given <= 1.0, '0 to 1'))
         self._output_name = self.session.get_outputs()[0].name
         names = tuple(class_names) or self._names()
-        self.layout = self._layout(self._probe(), len(names))
+        grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
+        try:
+            self.layout = recognise(self.run(grey), self.size, len(names))
+        except LayoutError as error:
+            raise ModelError(f'{self.path}: {error}') from error
         self.class_names = self._class_names(names, self.layout.classes)
 
     @property
@@ -139,35 +147,12 @@ class Model:
             raise ModelError(f'{self.path}: input_size is {wanted}, expected a multiple of 32, at most {LONGEST}')
         return wanted
 
-    def _box_padding(self) -> NDArray[np.float32]:
-        given = self.metadata.get('padding', '[0, 0]')
-        padding = np.array(parsed(given), object)  # any object; that of a list of two has the shape (2,)
-        if padding.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in padding):
-            raise ModelError(f'{self.path} has padding {shown(given)} in its metadata, expected [width, height] to 100 pixels')
-        return padding.astype(np.float32)
-
-    def _score_threshold(self) -> float:
-        given = parsed(self.metadata.get('score_threshold', '0.25'))
-        if not isinstance(given, (int, float)) or not 0.0 <= given <= 1.0:
-            raise ModelError(f'{self.path} has score_threshold {shown(given)} in its metadata, expected 0 to 1')
-        return float(given)
-
-    def _near(self) -> int:
-        given = parsed(self.metadata.get('near_imgsz', '0'))
-        if not isinstance(given, int) or given < 0 or given % 32:
-            raise ModelError(f'{self.path} has near_imgsz {shown(given)} in its metadata, expected a multiple of 32')
-        # Only where the first input is so much larger that the second costs little.
-        return given if self.dynamic_size and self.longest >= 3 * given else 0
-
-    def _probe(self) -> NDArray[np.float32]:
-        grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
-        return self.run(grey)
-
-    def _layout(self, output: NDArray, classes: int) -> Layout:
-        try:
-            return recognise(output, self.size, classes)
-        except LayoutError as error:
-            raise ModelError(f'{self.path}: {error}') from error
+    def _stated(self, key: str, default: str, fits: Callable[[Any], bool], expected: str) -> Any:
+        """An entry of the metadata. Raises ModelError for one that does not fit, with what is expected."""
+        text = self.metadata.get(key, default)
+        if not fits(given := parsed(text)):
+            raise ModelError(f'{self.path} has {key} {shown(text)} in its metadata, expected {expected}')
+        return given
 
     def _names(self) -> tuple[str, ...]:
         """Class names from the metadata's `names`, a dictionary or a list in Python's or JSON's spelling; empty without."""
@@ -238,10 +223,12 @@ def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxrunt
 
 
 def parsed(text: str) -> object:
-    """A literal written by Python or JSON, None when it is neither."""
-    for parse in (ast.literal_eval, json.loads):
-        try:
-            return parse(text)
-        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):   # nested too deep, or of what has no hash
-            continue
+    """A literal of Python, which lists and mappings of texts and numbers in JSON are, too; None when it is none."""
+    with suppress(ValueError, TypeError, SyntaxError, RecursionError, MemoryError):    # nested too deep, or of what has no hash
+        return ast.literal_eval(text)
     return None
+
+
+def _is_padding(given: Any) -> bool:
+    return isinstance(given, (list, tuple)) and len(given) == 2 and all(
+        isinstance(one, (int, float)) and 0 <= one <= 100 for one in given)
