@@ -71,10 +71,12 @@ class RegionPlanner:
         longest (pixels): longer side of the whole image as input; regions are enlarged as much, or not at all.
         near (pixels): longer side of the whole image where it is searched for large objects.
         regions: number of regions in an image.
+        look_time (s): time for one image, to which `took` adapts their number; 0 keeps it.
     """
 
-    def __init__(self, longest: int, near: int, regions: int = 2) -> None:
+    def __init__(self, longest: int, near: int, regions: int = 2, look_time: float = 0.0) -> None:
         self.regions = regions
+        self._look_time, self._each = look_time, 0.0  # s, of an image and of a region
         self.planned = 0
         self.counts: Counter[str] = Counter()
         self.share = 1.0
@@ -123,6 +125,13 @@ class RegionPlanner:
         self._note_share(sum(region.width * region.height for region in regions if not region.least) / (shape[0] * shape[1]))
         self.counts.update(region.kind for region in regions)
         return regions
+
+    def took(self, duration: float) -> None:
+        """Adapt the number of regions, 1 to FULL, to the duration (s) of the last image."""
+        if self._look_time > 0.0:
+            each = duration / (self.planned or FULL)
+            self._each += (SMOOTHING if self._each else 1.0) * (each - self._each)
+            self.regions = int(np.clip(self._look_time / max(self._each, 1e-6), 1, FULL))
 
     def searched(self, time: float) -> bool:
         """Whether every part of the image has been looked at recently, at a capture time (s)."""
@@ -178,26 +187,3 @@ class RegionPlanner:
         x = int(np.clip(round(centre[0] - 0.5 * across), 0, width - across))
         y = int(np.clip(round(centre[1] - 0.5 * down), 0, height - down))
         return Region(kind, x, y, across, down, CROP_INPUT)
-
-
-class Pace:
-    """Number of regions that fit into a time, from how long the last ones took.
-
-    Parameters:
-        look_time (s): time for one image.
-    """
-
-    def __init__(self, look_time: float) -> None:
-        self._look_time = look_time
-        self._each = 0.0  # s
-
-    def regions(self, took: float, count: int) -> int:
-        """The number of regions for the next image, 1 to FULL.
-
-        Parameters:
-            took (s): duration of the last image.
-            count: number of its regions; 0 for all of it.
-        """
-        each = took / (count or FULL)
-        self._each += (SMOOTHING if self._each else 1.0) * (each - self._each)
-        return int(np.clip(self._look_time / max(self._each, 1e-6), 1, FULL))

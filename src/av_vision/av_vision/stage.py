@@ -270,7 +270,8 @@ def make_detection_stage(parameters: Any) -> DetectionStage:
     p = parameters
     detector = make_detector(p)
     near = detector.model.near
-    planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
+    planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS, 0.0 if p.regions else p.look_time
+                            ) if near and p.search == 'adaptive' else None
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     # How far light reaches says nothing about heat.
     visibility = None if p.camera_kind != 'visible' else VisibilityReporter(p.visibility_distance, p.camera_height)

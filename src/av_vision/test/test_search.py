@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_vision.search import FULL, SEARCHED_S, BearingCue, Cue, Pace, RegionPlanner
+from av_vision.search import FULL, SEARCHED_S, BearingCue, Cue, RegionPlanner
 
 SHAPE = (512, 640)
 
@@ -134,11 +134,14 @@ def test_the_same_images_give_the_same_regions():
 
 
 def test_the_pace_follows_the_processor():
-    pace = Pace(0.06)
-    assert pace.regions(0.22, 0) == 3
-    for _ in range(100):
-        slow = pace.regions(0.1, 2)
-    assert slow == 1
-    for _ in range(100):
-        fast = pace.regions(0.004, 2)
-    assert fast == FULL
+    plan = RegionPlanner(1280, 320, 2, look_time=0.06)
+    plan.plan(SHAPE, 0.0, [])
+    plan.took(0.22)
+    assert plan.regions == 3
+    for each, regions in ((0.05, 1), (0.002, FULL)):
+        for _ in range(100):
+            plan.took(each * (len(plan.plan(SHAPE, 0.1, [])) or FULL))
+        assert plan.regions == regions
+    fixed = planner(3)
+    fixed.took(10.0)
+    assert fixed.regions == 3

@@ -25,7 +25,6 @@ from av_view.doctor.files import camera_settings, detector_settings
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
-from av_vision.search import Pace
 from av_vision.sources.capture import DeviceSource as Camera
 from av_vision.sources.capture import SourceError
 from av_vision.sources.realsense import RealSenseSource, sdk
@@ -185,14 +184,14 @@ def _detector(settings: Any, size: tuple[int, int], rate: float) -> Finding:
         detector = make_detection_stage(settings).detector
     except ValueError as error:
         return Finding('processor', 'error', str(error), 'set model of detector_node')
-    planner, pace = detector.planner, Pace(settings.look_time)
+    planner = detector.planner
     image, spent = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8), []
     for number in range(ROUNDS):
         begin = time.perf_counter()
         detector.detect(image, number / rate)
         spent.append(time.perf_counter() - begin)
-        if planner is not None and not settings.regions:
-            planner.regions = pace.regions(spent[-1], planner.planned)
+        if planner is not None:
+            planner.took(spent[-1])
     searched = f' ({planner.regions} regions)' if planner is not None else ''
     return judge_detector(1000.0 * float(np.median(spent[ROUNDS // 2:])), rate, f'detector_node{searched}')
 

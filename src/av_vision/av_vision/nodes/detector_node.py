@@ -23,7 +23,6 @@ from av_interfaces.msg import Bearing, Visibility
 from av_vision.drawing import draw
 from av_vision.messages import image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
-from av_vision.search import Pace
 from av_vision.sources.capture import STALE_S
 from av_vision.stage import FROZEN_S, make_detection_stage
 
@@ -46,7 +45,6 @@ class DetectorNode(RigNode):
         used, wanted = self._stage.detector.detector.model.provider, self.settings.providers[0]
         if used and used != wanted:
             self.get_logger().warning(f'{wanted} is not to be had here: the detector runs on {used}')
-        self._pace = Pace(self.settings.look_time)
         self._detections = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._visibility = self.create_publisher(Visibility, 'visibility', RESULT)
         self._debug = self.create_publisher(Image, 'detections/image', IMAGE)
@@ -112,7 +110,8 @@ class DetectorNode(RigNode):
     def _detect(self, message: Image | CompressedImage) -> None:
         started = time.perf_counter()
         detections, visibility = self._stage.on_image(message, self.now())
-        self._keep_pace(time.perf_counter() - started)
+        if self._stage.detector.planner is not None:
+            self._stage.detector.planner.took(time.perf_counter() - started)
         if visibility is not None:
             self._visibility.publish(visibility)
         if detections is None:
@@ -121,12 +120,6 @@ class DetectorNode(RigNode):
         if self._debug.get_subscription_count() and self._stage.shown is not None:
             drawn = draw(self._stage.shown, *self._stage.detected)
             self._debug.publish(image_message(message.header, drawn, 'bgr8'))
-
-    def _keep_pace(self, took: float) -> None:
-        """Adapt the number of regions to the processor's speed, unless it is set."""
-        planner = self._stage.detector.planner
-        if planner is not None and not self.settings.regions:
-            planner.regions = self._pace.regions(took, planner.planned)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, time per image and losses."""
