@@ -12,23 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.yolo.rows import (
-    CENTRE,
-    CORNERS,
-    GARBAGE,
-    SHARES,
-    Decoded,
-    Form,
-    LayoutError,
-    Reading,
-    RowReader,
-    check_scores,
-    share_of_boxes,
-)
+from av_vision.yolo.rows import CENTRE, CORNERS, SHARES, Decoded, Form, LayoutError, Reading, RowReader, check_scores
 
 MOST_ROWS = 2000    # of a table of boxes
 TABLE_COLUMNS = (6, 7)    # of tables with a class in each row, which may be empty or of zeros at first
 MOST_STRIDES = 4.0  # from the middles of decoded boxes to their cells, in the median
+CELL_ORDERS = (CENTRE, CORNERS, 'cy cx h w', 'y1 x1 y2 x2')    # the most usual first
 STRIDES = (8, 16, 32, 64)    # pixels, of the larger variants; of the others without the last
 
 
@@ -125,8 +114,7 @@ def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layou
 def form_of_cells(rows: NDArray, size: tuple[int, int], cells: NDArray, strides: NDArray) -> tuple[Form, float]:
     """The form of the boxes of rows (n, 4+k) by cell, and how many strides these are from their cells.
 
-    Boxes whose second corner is right of and below the first in nearly all cells are corners: centre and size are so only
-    close to the origin. Their middles follow the cells in x and y, or in y and x.
+    Their middles follow the cells: read in another form than theirs they are ten times as far away or more.
 
     Parameters:
         rows (n, 4+k): output for one image, boxes and scores.
@@ -139,14 +127,10 @@ def form_of_cells(rows: NDArray, size: tuple[int, int], cells: NDArray, strides:
     finite = np.isfinite(rows[:, :4]).all(axis=1)
     boxes, cells, strides = rows[finite, :4], cells[finite], strides[finite]
     shares = bool(np.max(boxes, initial=0.0) <= SHARES)
-    telling = np.unique(boxes[np.ptp(boxes, axis=1) > 0.0], axis=0) if len(boxes) else boxes
-    corners = len(telling) and share_of_boxes(Form(CORNERS, shares).boxes(telling, size), size) >= 1.0 - GARBAGE
     distances = {}
-    for order in (CORNERS, 'y1 x1 y2 x2') if corners else (CENTRE, 'cy cx h w'):
-        form = Form(order, shares)
+    for form in (Form(order, shares) for order in CELL_ORDERS):
         found = form.boxes(boxes, size)
         away = np.abs(0.5 * (found[:, :2] + found[:, 2:]) / strides - cells - 0.5)
         distances[form] = float(np.median(away)) if len(away) else np.inf
-    usual, other = distances
-    best = other if distances[other] < min(distances[usual], MOST_STRIDES) else usual
+    best = min(distances, key=lambda form: distances[form])
     return best, distances[best]
