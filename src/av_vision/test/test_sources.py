@@ -157,7 +157,7 @@ def test_an_image_of_absurd_size_is_refused_in_one_line(tmp_path, suffix):
 
 def test_stamps_are_the_start_and_the_time_in_the_file(video):
     clock = Clock(1000.0)
-    source = FileSource(video, now=clock, wait=clock.wait)
+    source = FileSource(video, now=clock, wait=clock.wait, steady=clock)
     source.open()
     images, read = [], []
     while (image := source.read()) is not None:
@@ -168,9 +168,23 @@ def test_stamps_are_the_start_and_the_time_in_the_file(video):
     assert read == pytest.approx([image.time for image in images], abs=1e-6)
 
 
+@pytest.mark.parametrize('step', [3600.0, -3600.0])
+def test_a_clock_that_is_set_while_a_video_plays_leaves_no_frame_out_and_waits_for_none(video, step):
+    """As sound of the same recording goes on."""
+    clock, set_back = Clock(5.0), [0.0]
+    source = FileSource(video, now=lambda: clock() + 1000.0 + set_back[0], wait=clock.wait, steady=clock)
+    source.open()
+    times = []
+    while (image := source.read()) is not None:
+        times.append(image.time)
+        set_back[0] = step
+    assert times == pytest.approx(1005.0 + np.arange(20) / 50.0, abs=1e-6)
+    assert source.skipped == 0 and clock() == pytest.approx(5.0 + 19 / 50.0)
+
+
 def test_a_loop_goes_on_in_time(video):
     clock = iter(np.arange(0.0, 100.0, 0.001))
-    source = FileSource(video, loop=True, now=lambda: next(clock), wait=lambda seconds: None)
+    source = FileSource(video, loop=True, now=lambda: 0.0, steady=lambda: next(clock), wait=lambda seconds: None)
     source.open()
     times = [source.read().time for _ in range(45)]
     assert np.diff(times) == pytest.approx(np.full(44, 0.02), abs=1e-9)
@@ -178,7 +192,7 @@ def test_a_loop_goes_on_in_time(video):
 
 def test_a_late_player_leaves_frames_out(video):
     now = [0.0]
-    source = FileSource(video, now=lambda: now[0])
+    source = FileSource(video, now=lambda: now[0], steady=lambda: now[0])
     source.open()
     assert source.read().time == 0.0
     now[0] = 0.195
@@ -401,7 +415,7 @@ def test_frames_have_the_time_of_the_container(tmp_path, known):
     assert [frame.image.mean() for frame in frames] == pytest.approx(10.0 * np.arange(9), abs=3.0)
     assert recording.rate == pytest.approx(8 / 2.6)
     clock = Clock(50.0)
-    source = FileSource(recording.path, loop=True, now=clock, wait=clock.wait)
+    source = FileSource(recording.path, loop=True, now=clock, wait=clock.wait, steady=clock)
     source.open()
     again = 50.0 + 2.6 + 1.066    # the last frame lasts as long as the one before
     assert [source.read().time for _ in range(11)] == pytest.approx([*(50.0 + 1e-3 * times), again, again + 0.04], abs=1e-6)
@@ -448,10 +462,10 @@ def test_names_that_are_not_utf8_end_no_process(tmp_path, video):
 
 def test_a_player_waits_for_the_common_beginning_and_joins_in_late(video):
     clock, answers = Clock(10.0), iter([None, None, 10.5])
-    source = FileSource(video, now=clock, wait=clock.wait, begin=lambda: next(answers))
+    source = FileSource(video, now=clock, wait=clock.wait, steady=clock, begin=lambda: next(answers))
     source.open()
     assert source.read().time == 10.5
-    late = FileSource(video, now=Clock(20.0), wait=lambda seconds: None, begin=lambda: 19.805)
+    late = FileSource(video, now=Clock(20.0), wait=lambda seconds: None, begin=lambda: 19.805, steady=Clock(7.0))
     late.open()
     image = late.read()
     assert image.time == pytest.approx(19.985) and image.pixels.mean() == pytest.approx(90.0, abs=3.0)

@@ -223,7 +223,8 @@ class Recording:
 class FileSource:
     """Plays a recording in real time. The time of a frame is the beginning of the playback plus its time in the file.
 
-    Frames that are late by more than the interval before them are skipped and counted in `skipped`.
+    Frames that are late by more than the interval before them are skipped and counted in `skipped`. A clock of the caller that
+    is set meanwhile changes neither the pace nor the stamps.
 
     Parameters:
         path: video, image or folder of images.
@@ -232,14 +233,16 @@ class FileSource:
         now: clock of the caller in s.
         wait: function that is called with the seconds until the next frame is due; None for an interruptible wait.
         begin: the beginning (s) on that clock, None while it is not known; by default when the source is opened.
+        steady: clock of the pace in s.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time,
-                 wait: Callable[[float], object] | None = None, begin: Callable[[], float | None] | None = None) -> None:
+                 wait: Callable[[float], object] | None = None, begin: Callable[[], float | None] | None = None,
+                 steady: Callable[[], float] = time.monotonic) -> None:
         self.skipped = 0
         self._recording = Recording(path, rate)
         self._loop = loop
-        self._now = now
+        self._now, self._steady = now, steady
         self._closed = threading.Event()
         self._wait = wait or self._closed.wait
         self._begin = begin or now
@@ -257,7 +260,9 @@ class FileSource:
             begin = self._begin()
             if begin is None:
                 self._wait(ASK_AGAIN_S)
-        self._start = self._now() if begin is None else begin
+        now = self._now()
+        self._start = now if begin is None else begin
+        self._offset = now - self._steady()    # of the caller's clock
         self._rewind()
 
     def read(self) -> CapturedImage | None:
@@ -266,7 +271,7 @@ class FileSource:
             frame = next(self._frames, None)
             if frame is not None:
                 due = self._start + frame.time
-                self._wait(max(due - self._now(), 0.0))
+                self._wait(max(due - self._offset - self._steady(), 0.0))
                 return None if self._closed.is_set() else CapturedImage(frame.image, due)
             if not self._loop or self._last < 0.0:
                 return None
@@ -286,6 +291,6 @@ class FileSource:
         if self._last >= 0.0:
             self._interval = at - self._last
         self._last = at
-        late = self._now() - self._start - at > self._interval
+        late = self._steady() + self._offset - self._start - at > self._interval
         self.skipped += late
         return not late
