@@ -92,6 +92,21 @@ def test_a_camera_whose_colour_ends_is_told_and_taken_up_again(camera, monkeypat
     capture.stop()
 
 
+def test_a_camera_whose_times_are_refused_is_told_and_can_be_stopped(camera, monkeypatch):
+    monkeypatch.setattr('av_vision.sources.realsense.SenderClock.date', lambda *_: None)
+    monkeypatch.setattr('av_vision.sources.realsense.PARTIAL_S', 0.3)
+    source = RealSenseSource(device=camera.device)
+    capture = Capture(source, pytest.fail, retry_s=0.1)
+    camera.start()
+    capture.start()
+    wait_for(lambda: 'none with a valid time' in capture.problem)
+    monkeypatch.setattr('av_vision.sources.realsense.PARTIAL_S', 60.0)
+    wait_for(lambda: source._running)
+    source.close()
+    capture.stop()
+    assert not capture._thread.is_alive()
+
+
 def test_no_camera_is_an_error_that_says_so():
     with pytest.raises(SourceError, match='no RealSense 4711 is plugged in'):
         RealSenseSource(serial='4711').open()

@@ -102,8 +102,8 @@ class CameraNode(RigNode):
 
     def deactivate(self) -> None:
         """Stop capturing."""
-        if isinstance(self._source, FileSource):
-            self._source.close()    # which may wait for a frame
+        if not isinstance(self._source, DeviceSource):
+            self._source.close()    # others may wait for a frame
         self._capture.stop()
 
     def _begin(self) -> float | None:

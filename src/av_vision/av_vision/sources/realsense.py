@@ -15,7 +15,7 @@ from av_common.clock import SenderClock
 from av_vision.sources.capture import STALE_S, CapturedImage, SourceError
 
 TIMEOUT_MS = round(1e3 * STALE_S)
-PARTIAL_S = 10.0  # of frames without colour, or without depth where that is wanted: streams begin within a few seconds
+PARTIAL_S = 10.0  # of frames without colour, depth where that is wanted, or a valid time: streams begin within a few seconds
 Motion = Callable[[float, tuple[float, float, float], tuple[float, float, float]], None]
 
 
@@ -65,21 +65,19 @@ class RealSenseSource:
     def read(self) -> CapturedImage:
         """The next colour image, with the depth that belongs to it; raises SourceError when no such frames arrive."""
         begun = time.monotonic()
-        while True:
+        while time.monotonic() - begun < PARTIAL_S:
             try:
                 frames = self._queue.wait_for_frames(TIMEOUT_MS)
             except RuntimeError as error:
                 raise SourceError(f'RealSense {self.serial} delivers no more frames: {error}') from error
-            if not frames.get_color_frame() or (self.depth and not frames.get_depth_frame()):
-                if time.monotonic() - begun > PARTIAL_S:
-                    raise SourceError(f'RealSense {self.serial} delivers no more images of all its streams')
-                continue
-            taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
-            if taken is not None:  # images without a valid time are skipped
-                return self._captured(frames, taken)
+            if frames.get_color_frame() and (frames.get_depth_frame() or not self.depth):
+                taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
+                if taken is not None:  # images without a valid time are skipped
+                    return self._captured(frames, taken)
+        raise SourceError(f'RealSense {self.serial} delivers no more images of all its streams, or none with a valid time')
 
     def close(self) -> None:
-        """Stop the streams; allowed when they are stopped or the device is unplugged."""
+        """Stop the streams, also while another thread reads; allowed when they are stopped or the device is unplugged."""
         while self._running:
             sensor = self._running.pop()
             try:
