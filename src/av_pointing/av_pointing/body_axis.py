@@ -12,13 +12,12 @@ import numpy as np
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.stopping import YawAnswer, fastest_stoppable
-from av_pointing.response import Ahead, BodyMotion, LatencyEstimator, Response
+from av_pointing.response import BodyMotion, Response
 
-DELAY_FACTOR, UNCERTAINTY_FACTOR, FASTEST = 0.35, 1.0, 4.0   # of the bandwidth (1/s), see `BodyAxis.bandwidth`
-AGE_MEMORY = 0.05                  # share of a new age in the mean of the ages
+DELAY_FACTOR, FASTEST = 0.35, 4.0  # of the bandwidth (1/s), see `BodyAxis.bandwidth`
 LONGEST_AGE_S = 1.5  # for which an aim is continued: five times as long as a bearing counts
+DEAD_BAND = math.radians(0.5)  # error below which nothing moves: the noise of a bearing that is seen
 RATE_MEMORY_S = 0.6                # of the rates that give the target's acceleration
-LARGEST_ACCELERATION = math.radians(40.0)   # rad/s^2, of a target
 LEAST_FOLLOWED = 0.2               # share of the commanded turns; from a few degrees on, by the prior of `BodyMotion`
 
 
@@ -41,8 +40,6 @@ class BodyAxis:
 
     Attributes:
         motion: predicts the yaw; is to be told of measured yaws.
-        latency: by how much bearings are older than their stamps.
-        age (s): mean age of the measurements in bearings on their arrival.
 
     Parameters:
         limits: of yaw rate and acceleration.
@@ -50,11 +47,9 @@ class BodyAxis:
     """
 
     def __init__(self, limits: AxisLimits, response: Response) -> None:
-        self.motion, self.latency = BodyMotion(response), LatencyEstimator()
-        self.age, self._spread = 0.0, 0.0
+        self.motion = BodyMotion(response)
         self._rates: deque[tuple[float, float]] = deque(maxlen=100)   # time, rate of the aim
         self._axis = LimitedAxis(limits)
-        self._lost = 0.0    # turn (rad) that was not commanded because of a stop that was not needed
 
     def limit_rate(self, rate: float) -> None:
         """Turn no faster than `rate` (rad/s) from now on."""
@@ -79,15 +74,10 @@ class BodyAxis:
                 'the yaw of its odometry is frozen, and directions in the world are wrong')
 
     @property
-    def delay(self) -> float:
-        """Total delay (s) from what is seen to what is done: age of the bearings, dead time and lag."""
-        return self.age + self.latency.latency + self.motion.response.dead_time + self.motion.response.lag
-
-    @property
     def bandwidth(self) -> float:
-        """Share of the predicted error that is turned in 1 s (1/s): the less the larger and the less certain the delay is."""
-        uncertainty = math.sqrt(self.motion.response.uncertainty**2 + self._spread + self.latency.uncertainty**2)
-        return 1.0 / (1.0 / FASTEST + DELAY_FACTOR * self.delay + UNCERTAINTY_FACTOR * uncertainty)
+        """Share of the predicted error that is turned in 1 s (1/s): the less the later the vehicle answers."""
+        response = self.motion.response
+        return 1.0 / (1.0 / FASTEST + DELAY_FACTOR * (response.dead_time + response.lag))
 
     @property
     def acceleration(self) -> float:
@@ -99,41 +89,39 @@ class BodyAxis:
         squares = float(times @ times)
         slope = float(times @ rates) / squares
         variance = float(((rates - slope * times) ** 2).sum()) / (len(times) - 2) / squares
-        certain = slope - variance / slope if slope * slope > variance else 0.0
-        return min(max(certain, -LARGEST_ACCELERATION), LARGEST_ACCELERATION)
+        return slope - variance / slope if slope * slope > variance else 0.0
 
-    def see(self, aim: Aim, age: float) -> None:
-        """Note a new bearing, whose newest measurement had an age (s) on its arrival."""
-        self.latency.add(aim.time, aim.azimuth, aim.rate, self.motion)
+    def see(self, aim: Aim) -> None:
+        """Note a new bearing."""
         while self._rates and not aim.time - RATE_MEMORY_S < self._rates[0][0] < aim.time:
             self._rates.popleft()
         most = self._axis.limits.rate
         self._rates.append((aim.time, min(max(aim.rate, -most), most)))
-        if 0.0 <= age <= LONGEST_AGE_S:
-            self._spread += AGE_MEMORY * ((age - self.age) ** 2 - self._spread)
-            self.age += AGE_MEMORY * (age - self.age) if self.age else age
 
-    def turn(self, time: float, dt: float, aim: Aim, dead_band: float, left: float,
-             fastest: float = math.inf) -> None:
+    def turn(self, time: float, dt: float, aim: Aim, left: float, fastest: float = math.inf) -> None:
         """Turn towards an aim, as fast as the body can still be stopped in time if no further measurement comes.
 
         Parameters:
             time (s): time of the command.
             dt (s): duration of the step.
             aim: where to.
-            dead_band (rad): error below which the body only follows the aim's rate.
             left (s): time until the rate must be 0.
             fastest (rad/s): limit of the rate, in addition to that of the axis.
         """
         ahead, axis, response = self.motion.ahead(time), self._axis, self.motion.response
-        before, acceleration = axis.velocity, axis.limits.acceleration
-        self._steer(time, dt, aim, dead_band, ahead, fastest)
+        before, limits = axis.velocity, axis.limits
+        elapsed = min(time + response.dead_time - aim.time, LONGEST_AGE_S)
+        acceleration = self.acceleration if aim.rate else 0.0
+        rate = min(max(aim.rate + acceleration * elapsed, -limits.rate), limits.rate)
+        azimuth = aim.azimuth + (aim.rate + 0.5 * acceleration * elapsed) * elapsed
+        error = wrap(azimuth - ahead.yaw + self.motion.yaw(aim.time)) - ahead.further + rate * response.lag
+        beyond = math.copysign(max(abs(error) - DEAD_BAND, 0.0), error)
+        axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, self.bandwidth)
         wanted, sense = axis.velocity, math.copysign(1.0, ahead.rate or axis.velocity)
         answer = YawAnswer(response.dead_time, response.lag, response.gain)
-        most = fastest_stoppable(abs(ahead.rate), left, dt, acceleration, answer) if dt else 0.0
+        most = fastest_stoppable(abs(ahead.rate), left, dt, limits.acceleration, answer) if dt else 0.0
         if sense * wanted > most:
-            axis.velocity = sense * min(max(most, sense * before - acceleration * dt), sense * wanted)
-        self._lost += (wanted - axis.velocity) * self.motion.response.gain * dt
+            axis.velocity = sense * min(max(most, sense * before - limits.acceleration * dt), sense * wanted)
 
     def stop(self, dt: float) -> None:
         """Bring the commanded rate to 0 as fast as the limits allow, in a step of `dt` s."""
@@ -150,19 +138,3 @@ class BodyAxis:
         self._axis.limit(self._axis.limits.acceleration * max(left, 0.0))
         self.motion.command(time, self._axis.velocity if moves else 0.0)
         return self._axis.velocity
-
-    def _steer(self, time: float, dt: float, aim: Aim, dead_band: float, ahead: Ahead, fastest: float) -> None:
-        motion, response, most = self.motion, self.motion.response, self._axis.limits.rate
-        elapsed = min(time + response.dead_time - aim.time + self.latency.latency, LONGEST_AGE_S)
-        turned = ahead.yaw - motion.yaw(aim.time - self.latency.latency)
-        acceleration = self.acceleration if aim.rate else 0.0
-        rate = min(max(aim.rate + acceleration * elapsed, -most), most)
-        azimuth = aim.azimuth + (aim.rate + 0.5 * acceleration * elapsed) * elapsed
-        error = wrap(azimuth - turned) - ahead.further + rate * response.lag
-        beyond = math.copysign(max(abs(error) - dead_band, 0.0), error)
-        # What was not commanded is no matter of feedback: it is certain, and made up for as fast as without any delay.
-        self._lost = min(max(self._lost, min(beyond, 0.0)), max(beyond, 0.0))
-        certain = self._lost / beyond if beyond else 0.0
-        self._lost -= self._lost * min(FASTEST * dt, 1.0)
-        gain = self.bandwidth + certain * (FASTEST - self.bandwidth)
-        self._axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, gain)

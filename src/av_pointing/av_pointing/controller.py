@@ -22,7 +22,7 @@ from av_common.limited_axis import AxisLimits
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
 from av_interfaces.msg import PointingCommand
-from av_pointing.body_axis import Aim, BodyAxis
+from av_pointing.body_axis import DEAD_BAND, Aim, BodyAxis
 from av_pointing.gimbal_axes import GimbalAxes
 from av_pointing.response import Response
 
@@ -30,7 +30,6 @@ LONGEST_STEP_S = 0.1  # longer steps are computed as this long
 PERIOD_S = 1.0 / 30.0  # longest time between two commands, by which braking begins earlier
 STALE_AFTER_S = 0.3  # after its arrival, from which a bearing moves nothing: six periods of fusion's slowest output
 COAST_SIGMA = math.radians(20.0)  # of a prediction's azimuth, up to which the gimbal follows it: half a camera's view
-DEAD_BAND = math.radians(0.5)  # error below which nothing moves: the noise of a bearing that is seen
 LEAD_S = 0.05  # after its stamp for which a bearing is given to the gimbal, or its age where that is larger: lag of a gimbal
 SEARCH_RATE = math.radians(40.0)  # rad/s, of the rotation that resolves front and back, at most that of the body
 
@@ -147,19 +146,14 @@ class PointingController:
         self.gimbal.start_at(pan, tilt)
 
     def limit_body(self, rate: float) -> None:
-        """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too.
+        """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too; inf for none.
 
         Raises ValueError for a rate that is not positive.
         """
-        if not 0.0 < rate < math.inf:
+        if not rate > 0.0:
             raise ValueError(f'a limit of {rate} rad/s, expected a positive one')
         self._vehicle_rate = rate
         self.body.limit_rate(min(rate, self.settings.yaw.rate))
-
-    def free_body(self) -> None:
-        """Forget the limit of the vehicle: nobody states one any more."""
-        self._vehicle_rate = math.inf
-        self.body.limit_rate(self.settings.yaw.rate)
 
     def limit_rates(self, settings: PointingSettings) -> None:
         """Use the limits of other settings from the next command on; all else stays.
@@ -215,7 +209,7 @@ class PointingController:
                 mode, reason = Mode.LOOK, f'{stale}; the gimbal returns to 0'
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
-            self.body.turn(time, dt, aim, DEAD_BAND, left, SEARCH_RATE)
+            self.body.turn(time, dt, aim, left, SEARCH_RATE)
             self.gimbal.follow(dt, None, None)
         elif mode == Mode.LOOK and (look := _look_of(track)) is not None:
             self.body.stop(dt)
@@ -285,14 +279,13 @@ class PointingController:
                 f'elevation {math.degrees(cue.elevation):+.0f} deg')
 
     def _see(self, time: float, track: Track, ages: Ages) -> None:
-        """Learn from a new track how old bearings are, and without odometry how the body turns."""
+        """Note how a new track moves, and without odometry how the body turns."""
         self._seen = track
         if track.state == State.NONE or not math.isfinite(ages.bearing + track.azimuth + track.azimuth_world_rate):
             return
         if not self._has_odometry:
             self.body.motion.measure(time - ages.bearing, track.azimuth_world - track.azimuth)
-        predicted = track.time - track.measured if track.measured > 0.0 else 0.0
-        self.body.see(self._aim(time, track, ages), ages.late + max(predicted, 0.0))
+        self.body.see(self._aim(time, track, ages))
 
     def _aim(self, time: float, track: Track, ages: Ages) -> Aim:
         """The direction of a track, by its direction in the world where the attitude is known."""
@@ -315,7 +308,7 @@ class PointingController:
         if not settings.move_body:
             body.stop(dt)
         elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
-            body.turn(time, dt, aim, DEAD_BAND, ages.body_left - PERIOD_S)
+            body.turn(time, dt, aim, ages.body_left - PERIOD_S)
 
     @staticmethod
     def _elevation(track: Track, ages: Ages, ahead: float) -> float | None:

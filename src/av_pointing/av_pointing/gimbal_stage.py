@@ -169,10 +169,10 @@ class GimbalStage:
         if not (self._use_model and self.history.has_gap(time)) or time < self._modelled + LEAST_PERIOD_S:
             return None
         self._modelled = time
-        attitude, angles = self._attitude_at(time), self._model.at(time)
+        attitude, (pan, tilt, variance) = self._attitude_at(time), self._model.at(time)
         unknown = self._gimbal.stabilized and attitude is None
-        turned = gimbal_to_body(self._gimbal, angles.pan, angles.tilt, attitude or LEVEL)
-        variance = angles.variance + unknown * LEVEL_SIGMA**2
+        turned = gimbal_to_body(self._gimbal, pan, tilt, attitude or LEVEL)
+        variance += unknown * LEVEL_SIGMA**2
         return gimbal_message(self._gimbal.frame, time, mat2quat(turned), variance, measured=False)
 
     def _attitude_at(self, time: float) -> tuple[float, float, float, float] | None:

@@ -1,4 +1,4 @@
-"""The vehicle's answer to commanded yaw rates, and the delay of bearings, estimated while the body turns.
+"""The vehicle's answer to commanded yaw rates, estimated while the body turns.
 
 Equations and sources: docs/reference/pointing.md.
 """
@@ -24,12 +24,10 @@ LEAST_TURN = math.radians(0.3)      # smaller turns between two angles tell noth
 ANGLE_NOISE = math.radians(0.1)     # least standard deviation of the difference of two angles
 WEAK_TURN = math.radians(3.0)       # turns of less than this do not change the expected gain of 1
 TEMPER = 3.0               # successive differences count as one in three: errors of a wrong model are correlated
-LEAST_UNCERTAINTY_S = 0.03          # no vehicle answers just as a model
 LEAST_GAIN, LARGEST_GAIN = 0.5, 1.3
 
 LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, LONGEST_LAG_S])  # s
 DEAD_TIMES = np.arange(0.0, LONGEST_DEAD_TIME_S + 0.01, 0.05)  # s
-LATENCIES = np.arange(0.0, 0.81, 0.05)  # s
 
 
 @dataclass(frozen=True)
@@ -100,8 +98,6 @@ class BodyMotion:
         step = math.floor(time / GRID_S)
         if abs(step - self._step) > 1.0 / GRID_S:
             self._turns[:], self._rates[:] = 0.0, 0.0
-            if step < self._step:
-                self._yaws.clear()
             self._step, self._command, self._pair = step, 0.0, None
         decay = np.exp(-GRID_S / LAGS)
         while self._step < step:
@@ -127,13 +123,10 @@ class BodyMotion:
 
     def rate(self, time: float) -> float:
         """Measured yaw rate (rad/s) over the newest PAIR_S, 0 where it is unknown at `time` (s)."""
-        yaws = self._yaws.entries
-        if len(yaws) < 2 or time - self._yaws.newest > LONGEST_PAIR_S:
+        newest = self._yaws.newest
+        if time - newest > LONGEST_PAIR_S:
             return 0.0
-        newest, yaw = yaws[-1]
-        earlier = next((pair for pair in reversed(yaws) if pair[0] <= newest - PAIR_S), yaws[0])
-        elapsed = newest - earlier[0]
-        return (yaw - earlier[1]) / elapsed if 0.02 < elapsed < LONGEST_PAIR_S else 0.0
+        return (self.yaw(newest) - self.yaw(newest - PAIR_S)) / PAIR_S
 
     def yaw(self, time: float) -> float:
         """Yaw (rad) at `time` (s): between measured ones, beyond them by the model, without any by the model alone."""
@@ -180,66 +173,14 @@ class BodyMotion:
         weak = WEAK_TURN**2   # a gain of 1 is expected
         gains = np.clip((products + weak) / (squares + weak), 0.0, 1.5)
         errors = self._measured - 2.0 * gains * products + gains**2 * squares
-        weights = posterior(errors, self._count, self._log_prior)
+        variance = max(float(errors.min()) / max(self._count, 1.0), ANGLE_NOISE**2)  # of all models that of the best
+        exponent = self._log_prior - errors / (2.0 * TEMPER * variance)
+        weights = np.exp(exponent - exponent.max())
+        weights /= weights.sum()
         lags, dead_times = weights.sum(axis=1), weights.sum(axis=0)
         self._blend = lags
         lag, dead_time = float(lags @ LAGS), float(dead_times @ DEAD_TIMES)
         total = LAGS[:, None] + DEAD_TIMES
         self.following = float((weights * gains).sum())
         self.response = Response(dead_time, lag, min(max(self.following, LEAST_GAIN), LARGEST_GAIN),
-                                 math.sqrt(float((weights * (total - lag - dead_time) ** 2).sum()) + LEAST_UNCERTAINTY_S**2))
-
-
-class LatencyEstimator:
-    """Estimates by how much bearings are older than their stamps, from how they seem to move while the body turns.
-
-    Seen with the yaw of the right time, a target moves by its own rate only.
-
-    Attributes:
-        latency (s): the estimate; 0 unless turns show another.
-        uncertainty (s): its standard deviation.
-    """
-
-    def __init__(self) -> None:
-        self.latency = self.uncertainty = 0.0
-        self._errors, self._count = np.zeros(LATENCIES.size), 0.0
-        self._log_prior = -LATENCIES / 0.05
-        self._before: tuple[float, NDArray] | None = None
-
-    def add(self, time: float, azimuth: float, rate: float, body: BodyMotion) -> None:
-        """Note a bearing.
-
-        Parameters:
-            time (s): for which it is valid by its stamp.
-            azimuth (rad), rate (rad/s): in the body's frame, and its rate in the world.
-            body: gives the yaw at earlier times.
-        """
-        directions = np.array([azimuth + body.yaw(time - latency) for latency in LATENCIES])
-        before, elapsed = self._before, 0.0 if self._before is None else time - self._before[0]
-        if before is not None and 0.0 <= elapsed < PAIR_S:
-            return
-        self._before = (time, directions)
-        if before is None or not PAIR_S <= elapsed <= LONGEST_PAIR_S:
-            return
-        moved = np.asarray(wrap(directions - before[1])) - rate * elapsed
-        if np.ptp(moved) < LEAST_TURN:
-            return
-        keep = math.exp(-elapsed / FORGET_S)
-        self._errors, self._count = keep * self._errors + moved**2, keep * self._count + 1.0
-        weights = posterior(self._errors, self._count, self._log_prior)
-        self.latency = float(weights @ LATENCIES)
-        self.uncertainty = math.sqrt(float(weights @ (LATENCIES - self.latency) ** 2))
-
-
-def posterior(errors: NDArray, count: float, log_prior: NDArray) -> NDArray:
-    """Probabilities of models, whose noise is that of the best of them.
-
-    Parameters:
-        errors (rad^2): sum of the squared errors of each model.
-        count: number of errors in each sum.
-        log_prior: logarithm of the probability of each model before, but for a constant.
-    """
-    variance = max(float(errors.min()) / max(count, 1.0), ANGLE_NOISE**2)
-    exponent = log_prior - errors / (2.0 * TEMPER * variance)
-    weights: NDArray = np.exp(exponent - exponent.max())
-    return weights / weights.sum()
+                                 math.sqrt(float((weights * (total - lag - dead_time) ** 2).sum())))

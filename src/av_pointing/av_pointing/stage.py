@@ -100,7 +100,7 @@ class PointingStage:
     def on_limiters(self, number: int) -> None:
         """Note the number of publishers of yaw_rate_limit: a limit ends with the last of them."""
         if not number:
-            self.controller.free_body()
+            self.controller.limit_body(math.inf)
 
     def on_cue(self, message: PointStamped, arrival: Instant) -> None:
         """Note where others say that a target is. Raises ValueError for a place that is none.

@@ -151,7 +151,7 @@ class PointingNode(RigNode):
             status.add('mode', f'{Mode(self._stage.command.mode).name}: {self._stage.command.reason}')
 
     def _diagnose_body(self, status: DiagnosticStatusWrapper) -> None:
-        """What is known of the vehicle's answer and of the age of bearings."""
+        """What is known of the vehicle's answer."""
         body = self._stage.controller.body
         response = body.motion.response
         if body.problem:
@@ -160,8 +160,6 @@ class PointingNode(RigNode):
         status.add('lag of the body (s)', f'{response.lag:.2f}')
         status.add('uncertainty of both (s)', f'{response.uncertainty:.2f}')
         status.add('share of commanded turns that the body made', f'{body.motion.following:.2f}')
-        status.add('age of bearings (s)', f'{body.age:.2f} by their stamps')
-        status.add('age that stamps hide (s)', f'{body.latency.latency:.2f} +- {body.latency.uncertainty:.2f}')
         status.add('largest yaw rate (deg/s)', f'{math.degrees(body.limits.rate):.1f}')
         status.add('bandwidth of the body (1/s)', f'{body.bandwidth:.2f}')
 
