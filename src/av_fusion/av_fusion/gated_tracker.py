@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
-from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner, Tilt
+from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
     Detection,
@@ -172,7 +172,7 @@ class GatedTracker(PlainTracker):
             self.planner.cancel()
             return True, 0.0
         return False, self.planner.plan(time, yaw, lambda: [self._candidates],
-                                        Tilt((math.cos(self._axis), math.sin(self._axis), 0.0)), NO_CAMERA,
+                                        (math.cos(self._axis), math.sin(self._axis), 0.0), NO_CAMERA,
                                         RESOLVED_PROBABILITY)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:

@@ -12,11 +12,11 @@ from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.ambiguity import candidates, is_resolved
 from av_fusion.disambiguation.look import LookPlanner
-from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner, Tilt
+from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner
 from av_fusion.identity.selection import Selection
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Vector
+from av_fusion.measurement.vectors import Vector, heading, turned, turned_back
 from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S, StateMachine
 from av_fusion.tracks.component import BodyDirection, GaussianComponent
 from av_fusion.tracks.filter import LOOK_S, MultiBernoulliFilter
@@ -256,14 +256,13 @@ class MultiTargetTracker:
 
     def _plan_rotation(self, time: float, tracks: Sequence[FilterTrack]) -> float:
         """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
-        axis = self._mirror_axis
-        if not tracks or axis is None:
+        if not tracks or self._mirror_axis is None:
             self.planner.cancel()
             return 0.0
         yaw = self.motion.yaw(time)
-        tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
-        return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, tilt.axis, self._confirm)
-                                                     for track in tracks], tilt, self._image, self._confirm)
+        axis = turned_back(heading(yaw), turned(self.motion.attitude(time), self._mirror_axis))
+        return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, axis, self._confirm) for track in tracks],
+                                 axis, self._image, self._confirm)
 
     def _plan_look(self, time: float, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
         """Where a look decides most about tracks, of which the last one is followed."""

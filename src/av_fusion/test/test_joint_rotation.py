@@ -13,14 +13,13 @@ from av_fusion.disambiguation.rotation import (
     WINDOW_S,
     Candidate,
     RotationPlanner,
-    Tilt,
     expected_times,
     joint_times,
 )
 from av_fusion.measurement.measurements import CameraMeasurement
 
 CONFIRM = 0.95
-LEFT = Tilt((0.0, 1.0, 0.0))
+LEFT = (0.0, 1.0, 0.0)
 STEP, HORIZON = 0.2, 6.0
 TURNS = (0.5 * math.pi, -0.5 * math.pi)
 VIEW = CameraMeasurement(0.0, (), math.radians(35.0), visibility=1.0)

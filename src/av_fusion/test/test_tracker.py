@@ -11,7 +11,7 @@ from simulated_sensors import SimulatedSensors
 from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import Source, State
-from av_fusion.disambiguation.rotation import ASKED_S, NO_CAMERA, Candidate, RotationPlanner, Tilt
+from av_fusion.disambiguation.rotation import ASKED_S, RotationPlanner
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
@@ -290,17 +290,13 @@ def test_a_rotation_can_be_asked_for_while_front_and_back_are_open():
         tracker.planner.ask(105.0)
 
 
-def test_a_rotation_that_is_asked_for_does_not_wait_for_a_tilt_and_ends_by_itself():
-    """A roll tells a high direction from a low one as soon as a rotation would."""
-    planner, tilt = RotationPlanner(), Tilt((0.0, 1.0, 0.0), (2.0, 0.0, 0.0))
-    pair = [Candidate(0.2, 0.01, 0.0, 0.01, 0.5, -0.5), Candidate(math.pi - 0.2, 0.01, 0.0, 0.01, 0.5, 1.0)]
-    plan = lambda time: planner.plan(time, 0.0, lambda: [pair], tilt, NO_CAMERA, 0.95)  # noqa: E731
-    assert plan(10.0) == 0.0
-    planner.ask(10.1)
-    assert plan(10.3) != 0.0 and plan(10.1 + ASKED_S - 0.1) != 0.0
-    assert plan(10.1 + ASKED_S + 0.2) == 0.0
-    planner.ask(30.0)
-    assert plan(29.0) == 0.0  # the clock went back
+def test_a_rotation_that_is_asked_for_ends_by_itself():
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(1)
+    tracker.add_doas([sensors.doa(10.0, 1.0)])
+    assert tracker.estimate(10.0).requested_rotation != 0.0
+    tracker.planner.ask(10.1)
+    assert tracker.planner.is_asked(10.1 + ASKED_S - 0.1) and not tracker.planner.is_asked(10.1 + ASKED_S + 0.2)
+    assert not tracker.planner.is_asked(10.0)  # the clock went back
 
 
 def test_where_rotations_are_not_enabled_none_can_be_asked_for():

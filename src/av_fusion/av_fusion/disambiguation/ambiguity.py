@@ -41,9 +41,8 @@ def candidates(mixture: GaussianMixture, yaw: float, axis: Vector, confirm: floa
     """
     found = []
     for c in mixture.likely:
-        (across, _), (_, up) = c.covariance[:2, :2].tolist()
-        found.append(Candidate(remainder(c.azimuth - yaw, tau), across, c.across_rate, float(c.covariance[2, 2]), c.weight,
-                               c.elevation, up))
+        found.append(Candidate(remainder(c.azimuth - yaw, tau), float(c.covariance[0, 0]), c.across_rate,
+                               float(c.covariance[2, 2]), c.weight, c.elevation))
     primary = mixture.primary()
     if primary is None or mixture.share_of(primary) < confirm:
         return found

@@ -1,8 +1,8 @@
 """Plans the rotation of the rig that resolves the front-back ambiguity soonest.
 
 The true source keeps its course in the world, while its mirror image moves by twice the rotation. The time until
-this is evident depends on the direction relative to the array, on possible motion of source and image, on how the rig tilts
-anyway, and on whether one of them enters the camera's view.
+this is evident depends on the direction relative to the array, on possible motion of source and image, and on whether one of
+them enters the camera's view.
 """
 
 from __future__ import annotations
@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_fusion.measurement.measurements import CameraMeasurement
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, heading, turned, turned_back
+from av_fusion.measurement.vectors import Vector
 
 HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
 DONE = math.radians(2.0)  # a rotation is complete when less than this is left
 REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
 REPLAN_S = 0.2  # time between predictions, of looks, too
-FORGET_S = 5.0  # time after which the direction of the last rotation is discarded
 ASKED_S = 10.0  # for which a rotation that a person asks for is requested
-TILT_S = 0.5  # for which a tilt continues at its present rate
-LEAST_TILT_RATE = math.radians(3.0)  # rad/s, from which the rig may wait for its tilt instead of turning
 SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
 RATE = math.radians(40.0)  # rad/s, expected of the rotation
 SECTOR = math.pi  # rad, largest rotation to either side of the heading of the first request
@@ -39,7 +36,7 @@ class Candidate(NamedTuple):
         azimuth (rad), variance (rad^2): azimuth from the rig's heading and its variance.
         rate (rad/s), rate_variance (rad^2/s^2): rate of the azimuth in the world and its variance.
         weight: probability of the candidate.
-        elevation (rad), elevation_variance (rad^2): elevation in the world and its variance.
+        elevation (rad): in the world.
     """
 
     azimuth: float
@@ -48,39 +45,6 @@ class Candidate(NamedTuple):
     rate_variance: float
     weight: float
     elevation: float = 0.0
-    elevation_variance: float = 0.0
-
-
-class Tilt(NamedTuple):
-    """The array's axis and how it tilts, in the level frame of the rig's heading.
-
-    Parameters:
-        axis: unit vector of the axis.
-        rate (rad/s): angular velocity of the rig's roll and pitch.
-    """
-
-    axis: Vector
-    rate: Vector = ZERO
-
-    @classmethod
-    def of(cls, attitude: Rows, yaw: float, rate: Vector, axis: Vector) -> Tilt:
-        """From the rig's attitude, yaw (rad) and angular velocity (rad/s) in the world, and an axis in the body frame."""
-        level = heading(yaw)
-        return cls(turned_back(level, turned(attitude, axis)), turned_back(level, (rate[0], rate[1], 0.0)))
-
-    @property
-    def continues(self) -> bool:
-        """Whether the rig tilts fast enough to tell directions apart."""
-        return math.hypot(self.rate[0], self.rate[1]) > LEAST_TILT_RATE
-
-    def course(self, times: NDArray) -> NDArray:
-        """The axis (n, 3) after `times` (n, s), if the rig does not turn and its tilt goes on for TILT_S (Rodrigues)."""
-        axis, speed = np.array(self.axis), math.hypot(*self.rate)
-        if speed < 1e-9:
-            return np.broadcast_to(axis, (len(times), 3))
-        about, angle = np.array(self.rate) / speed, (speed * TILT_S * (1.0 - np.exp(-times / TILT_S)))[:, None]
-        return (np.cos(angle) * axis + np.sin(angle) * np.cross(about, axis)
-                + (1.0 - np.cos(angle)) * (about @ axis) * about)
 
 
 NO_CAMERA = CameraMeasurement(-math.inf, (), half_view=0.0)  # sees nothing
@@ -108,7 +72,7 @@ class RotationPlanner:
     def ask(self, time: float) -> None:
         """Request a rotation from `time` (s) on until the ambiguity is resolved, for at most ASKED_S.
 
-        Before looks, and even while the rig tilts. Raises ValueError while there is no ambiguity, or rotations are not enabled.
+        Before looks. Raises ValueError while there is no ambiguity, or rotations are not enabled.
         """
         if not self._enabled:
             raise ValueError('no rotations are requested: `rotation` is false, or `method` has none')
@@ -121,14 +85,11 @@ class RotationPlanner:
         return 0.0 <= time - self._asked < ASKED_S
 
     def cancel(self) -> None:
-        """Cancel the rotation because the ambiguity is resolved.
-
-        A new ambiguity within FORGET_S continues the rotation in the same direction.
-        """
+        """Cancel the rotation because the ambiguity is resolved; the next one prefers its direction."""
         self._is_open, self._target, self._centre, self._offset = False, None, None, 0.0
         self._asked = -math.inf
 
-    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
+    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], axis: Vector,
              image: CameraMeasurement, confirm: float) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
@@ -136,13 +97,11 @@ class RotationPlanner:
             time (s): time of the request.
             yaw (rad): yaw of the rig in the world.
             find_candidates: returns the possible directions of each target; it is called every REPLAN_S only.
-            tilt: the axis between the mirror images, and how the rig tilts.
+            axis: between the mirror images, in the level frame of the rig's heading.
             image: the newest one, for what the camera can see.
             confirm: probability of one direction from which the ambiguity counts as resolved.
         """
         replan = not abs(time - self._planned) < REPLAN_S
-        if not abs(time - self._planned) < FORGET_S:
-            self._direction = 0.0
         if replan:
             ranked = [sorted(found, key=lambda candidate: -candidate.weight) for found in find_candidates()]
             self._planned, self._pairs = time, [found[:2] for found in ranked if len(found) >= 2]
@@ -160,11 +119,8 @@ class RotationPlanner:
         if not left:
             return 0.0
         if replan or self._direction not in left:
-            turns = [*(direction * room for direction, room in left.items()), 0.0]
-            *expected, waiting = joint_times(turns, self._pairs, tilt, image, confirm).tolist()
-            if tilt.continues and waiting <= min(expected) and not self.is_asked(time):
-                self._direction = 0.0
-                return 0.0
+            turns = [direction * room for direction, room in left.items()]
+            expected = joint_times(turns, self._pairs, axis, image, confirm)
             gains = [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
             self._direction = list(left)[int(np.argmin(np.subtract(expected, gains)))]
         return self._direction * left[self._direction]
@@ -182,7 +138,7 @@ class RotationPlanner:
         return 0.0
 
 
-def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt,
+def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], axis: Vector,
                 image: CameraMeasurement, confirm: float) -> NDArray[np.float64]:
     """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
 
@@ -190,16 +146,16 @@ def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], ti
     number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
 
     Parameters:
-        turns (n,) (rad), tilt, image, confirm: see `expected_times`.
+        turns (n,) (rad), axis, image, confirm: see `expected_times`.
         pairs: both candidates of each target, whose weights sum to its probability of existence.
     """
-    times = [expected_times(turns, first, second, tilt, image, confirm) for first, second in pairs]
+    times = [expected_times(turns, first, second, axis, image, confirm) for first, second in pairs]
     return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
-def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt,
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, axis: Vector,
                    image: CameraMeasurement, confirm: float) -> NDArray[np.float64]:
-    """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
+    """Expected time (s) until each of the rotations has resolved which of two candidates is true.
 
     A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
     d^2 / (2 s^2) nats, d being the difference of the cosines of both courses; s^2 contains what the unknown rate of the false
@@ -211,24 +167,20 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     Parameters:
         turns (n,) (rad): rotations, counter-clockwise.
         first, second: the candidates.
-        tilt: the array's axis, and how the rig tilts.
+        axis: of the array, in the level frame of the rig's heading.
         image: the newest one, for what the camera can see.
         confirm: probability of one candidate from which the ambiguity counts as resolved.
     """
-    candidates = (first, second)
-    azimuth, rate, variance, rate_variance, weight, elevation, elevation_variance = np.array(
-        [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9), c.elevation, c.elevation_variance)
-         for c in candidates]).T
+    azimuth, rate, variance, rate_variance, weight, elevation = np.array(
+        [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9), c.elevation) for c in (first, second)]).T
     turned = np.copysign(np.minimum(np.abs(turns)[:, None], RATE * HORIZON), np.asarray(turns)[:, None])
     course = (azimuth[:, None] + rate[:, None] * HORIZON) - turned[:, None]  # (turns, candidates, times), in the body frame
-    x, y, z = tilt.course(HORIZON).T  # as the rig sees it, which turns with the rig
-    level, climb = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
+    x, y, z = axis
     along, sine = x * np.cos(course) + y * np.sin(course), x * np.sin(course) - y * np.cos(course)
-    cosine = level * along + climb * z
+    cosine = np.cos(elevation)[:, None] * along + np.sin(elevation)[:, None] * z
     unexplained = cosine[:, :1] - cosine[:, 1:]
     spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
-    tilted = (level * (z - tilt.axis[2])) ** 2 * elevation_variance[:, None]
-    error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2 + tilted
+    error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
              + BROADSIDE_SIGMA**2 * WINDOW_S / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     middle = math.atan2(image.view[1][0], image.view[0][0])
