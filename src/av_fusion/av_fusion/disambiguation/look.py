@@ -27,9 +27,7 @@ from av_fusion.tracks.component import GaussianComponent
 
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
 BUDGET_S = 8.0  # for which looks are requested in a row
-FORGET_S = 5.0  # without requests after which looks begin anew
 REST_S = 8.0  # without looks after that, and after looks told nothing; in between the body may turn
-ARRIVAL_S = 1.5  # beyond the time of the way until the camera must see where it was asked to look
 LEAST_CHANCE = 0.15  # that a look shows the target, for which it is made
 EDGE = 0.93  # share of the field of view that counts: boxes at its edge are cut off
 STICK = 1.3  # gain for which another look replaces one that is under way
@@ -57,36 +55,6 @@ class Sight(NamedTuple):
     half_height: float
 
 
-class GimbalReach:
-    """Pans and tilts within the limits of a gimbal.
-
-    Parameters:
-        gimbal: its limits and rate.
-    """
-
-    def __init__(self, gimbal: GimbalMount) -> None:
-        self._limits = np.radians([gimbal.pan_limits_deg, gimbal.tilt_limits_deg])
-        self._rate = math.radians(gimbal.max_rate_deg)
-
-    def reachable(self, directions: Matrix) -> Matrix:
-        """Pans and tilts (m, 2) that are closest to directions (n, 3) in the mount's frame, from either stop."""
-        pan, tilt = direction_to_angles(directions)
-        (left, right), (low, high) = self._limits
-        turned = np.concatenate([pan, pan + math.tau, pan - math.tau])
-        reached = np.stack([np.clip(turned, left, right), np.tile(np.clip(tilt, low, high), 3)], axis=1)
-        return np.unique(reached[np.abs(reached[:, 0] - turned) < BESIDE], axis=0)
-
-    def nearest(self, direction: Matrix) -> Matrix:
-        """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
-        reached = self.reachable(direction[None])
-        off = [angles_to_direction(*each) @ direction for each in reached]
-        return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
-
-    def times(self, looks: Matrix, now: Matrix) -> Matrix:
-        """Time (s, (m,)) of the way from a pan and tilt (2,) to each of others (m, 2), both axes turning at once."""
-        return np.asarray(np.abs(looks - now).max(axis=1) / self._rate)
-
-
 class LookPlanner:
     """Requests looks of the camera until one shows the target, or none is likely to.
 
@@ -95,17 +63,16 @@ class LookPlanner:
     """
 
     def __init__(self, gimbal: GimbalMount) -> None:
-        self._gimbal, self._reach = gimbal, GimbalReach(gimbal)
+        self._gimbal, self._rate = gimbal, math.radians(gimbal.max_rate_deg)
+        self._limits = np.radians([gimbal.pan_limits_deg, gimbal.tilt_limits_deg])
         self._sight: Sight | None = None  # of the newest image
-        self._since: float | None = None  # first of the looks in a row
-        self._rests_until = self._planned = -math.inf
+        self._since = self._planned = -math.inf  # first of the looks in a row, and the newest one
         self._look: Matrix | None = None  # direction in the world
-        self._due = math.inf  # when the camera must see it
         self._glances: deque[tuple[float, Sight]] = deque()  # duration and sight
 
     def cancel(self) -> None:
         """Forget the looks because the target is seen, or told apart."""
-        self._since, self._look, self._due, self._rests_until = None, None, math.inf, -math.inf
+        self._since, self._look = -math.inf, None
         self._glances.clear()
 
     def on_image(self, time: float, image: CameraMeasurement, motion: RigMotion, shows_target: bool) -> None:
@@ -143,43 +110,33 @@ class LookPlanner:
         return angles(turned_back(motion.attitude(time), (x, y, z)))
 
     def _replan(self, time: float, components: Sequence[GaussianComponent], visible: float, motion: RigMotion) -> None:
-        if time < self._planned:
-            self.cancel()
-        elif time > self._planned + FORGET_S:
-            self._since, self._look, self._rests_until = None, None, -math.inf
-        self._planned = time
-        sight = self._sight    # without a new one there is no camera to look with
-        if sight is None or abs(time - sight.time) > MISSING_AFTER_S or time < self._rests_until or not components:
-            self._look = None
+        self._planned, sight = time, self._sight
+        if sight is None or abs(time - sight.time) > MISSING_AFTER_S or not components:
+            self._look = None  # without a new image there is no camera to look with
             return
-        self._since = time if self._since is None else self._since
-        if time - self._since > BUDGET_S or (time > self._due and not self._sees_look(sight)):
-            self._look = None
-        else:
-            self._look = self._best(components, visible, sight, self._mount(time, motion))
-        if self._look is None:
-            self._since, self._due, self._rests_until = None, math.inf, time + REST_S
+        if not 0.0 <= time - self._since < BUDGET_S + REST_S:
+            self._since = time
+        begun = time - self._since < BUDGET_S
+        self._look = self._best(components, visible, sight, self._mount(time, motion)) if begun else None
+        if self._look is None and begun:
+            self._since = time - BUDGET_S
 
     def _mount(self, time: float, motion: RigMotion) -> Matrix:
         """Rotation matrix (3, 3) from the gimbal's mount to the world."""
         carrier = heading(motion.yaw(time)) if self._gimbal.stabilized else motion.attitude(time)
         return np.array(carrier) @ self._gimbal.mount.rotation
 
-    def _sees_look(self, sight: Sight) -> bool:
-        return self._look is not None and bool(in_view(self._look[None], sight.camera_in_world, sight.half_view,
-                                                       sight.half_height)[0])
-
     def _best(self, components: Sequence[GaussianComponent], visibility: float, sight: Sight, mount_in_world: Matrix
               ) -> Matrix | None:
         points, shares, visible = self._points(components, visibility)
-        looks = self._reach.reachable(points @ mount_in_world)
+        looks = self._reachable(points @ mount_in_world)
         if self._look is not None:
-            looks = np.vstack([looks, self._reach.nearest(self._look @ mount_in_world)])
+            looks = np.vstack([looks, self._nearest(self._look @ mount_in_world)])
         if not len(looks):
             return None
         cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
-        now = self._reach.nearest(sight.camera_in_world[:, 0] @ mount_in_world)
-        way = self._reach.times(looks, now)
+        now = self._nearest(sight.camera_in_world[:, 0] @ mount_in_world)
+        way = np.abs(looks - now).max(axis=1) / self._rate  # (s) both axes turn at once
         rates = np.repeat([one.across_rate / max(math.cos(one.elevation), 0.2) for one in components], shares.shape[1])
         seen = np.array([in_view(_turned(points, rates * time), camera, sight.half_view, sight.half_height)
                          for time, camera in zip(way, cameras, strict=True)])
@@ -189,11 +146,21 @@ class LookPlanner:
             value[-1] *= STICK
         value[chance < LEAST_CHANCE] = -math.inf
         best = int(np.argmax(value))
-        if not math.isfinite(value[best]):
-            return None
-        if self._look is None or not in_view(self._look[None], cameras[best], sight.half_view, sight.half_height)[0]:
-            self._due = self._planned + float(way[best]) + ARRIVAL_S
-        return cameras[best][:, 0]
+        return cameras[best][:, 0] if math.isfinite(value[best]) else None
+
+    def _reachable(self, directions: Matrix) -> Matrix:
+        """Pans and tilts (m, 2) that are closest to directions (n, 3) in the mount's frame, from either stop."""
+        pan, tilt = direction_to_angles(directions)
+        (left, right), (low, high) = self._limits
+        turned = np.concatenate([pan, pan + math.tau, pan - math.tau])
+        reached = np.stack([np.clip(turned, left, right), np.tile(np.clip(tilt, low, high), 3)], axis=1)
+        return np.unique(reached[np.abs(reached[:, 0] - turned) < BESIDE], axis=0)
+
+    def _nearest(self, direction: Matrix) -> Matrix:
+        """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
+        reached = self._reachable(direction[None])
+        off = [angles_to_direction(*each) @ direction for each in reached]
+        return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
 
     def _points(self, components: Sequence[GaussianComponent], visibility: float) -> tuple[Matrix, Matrix, Matrix]:
         """Points (n * k, 3) that stand for n components, their probabilities (n, k), and those that they are visible (n, k).
