@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
@@ -21,13 +21,11 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
-from av_fusion.measurement.rig_motion import Pose
+from av_fusion.measurement.measurements import usable_doas
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
 from av_fusion.withheld import as_predictions, contradicted
@@ -51,24 +49,8 @@ RATE_HZ = 20.0  # of outputs while no measurement arrives: smooth for a gimbal, 
 PERIOD_S = 1.0 / RATE_HZ
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 VISIBILITY_AGE_S = 1.0  # largest difference between the stamps of a visibility and of an image to which it applies
+UNSEEN = (-math.inf, math.nan, 1.0)  # stamp (s), visibility and searched share of an image of which none is stated
 TRANSFORM_WAIT_S = 0.15  # how long a measurement waits for the orientation of its sensor at its capture time
-
-
-class Seen(NamedTuple):
-    """How much an image of a camera shows.
-
-    Parameters:
-        stamp (s): of the image.
-        visibility: 0..1, NaN if unknown.
-        searched: share of the view that is searched.
-    """
-
-    stamp: float = -math.inf
-    visibility: float = math.nan
-    searched: float = 1.0
-
-
-UNSEEN = Seen()
 
 
 class FusionOutput(NamedTuple):
@@ -77,38 +59,6 @@ class FusionOutput(NamedTuple):
     bearing: Bearing
     state: FusionState
     targets: TrackArray
-
-
-class FusionObserver(Protocol):
-    """Receives all measurements and tracks of a `FusionStage`, just before the tracker gets them, or has given them."""
-
-    def on_pose(self, pose: Pose) -> None:
-        """A pose of the rig that is used."""
-
-    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
-        """The measurements of one `DoaArray`, most confident first, whether or not they are used.
-
-        Parameters:
-            measurements: measurements in the body frame.
-            arrival (s): time of arrival of the message.
-        """
-
-    def on_camera(self, measurement: CameraMeasurement, message: Detection2DArray, arrival: float) -> None:
-        """The measurement of one `Detection2DArray`.
-
-        Parameters:
-            measurement: measurement in the body frame.
-            message: the message.
-            arrival (s): time of its arrival.
-        """
-
-    def on_track(self, track: Track, time: float) -> None:
-        """The track at `time`, from which an output is made.
-
-        Parameters:
-            track: the estimate.
-            time (s): time of the output.
-        """
 
 
 class FusionStage:
@@ -126,14 +76,15 @@ class FusionStage:
     Parameters:
         tracker: estimates the track.
         converter: converts messages to measurements in the body frame.
-        observer: is called with measurements and tracks, or None.
+        observer: is told of what the tracker gets and has given, also of what is not used: by `on_pose(pose)`,
+            `on_doa(measurements, arrival)`, `on_camera(measurement, message, arrival)`, `on_track(track, time)`; or None.
         gimbal: orientations of the gimbal that carries the cameras, added to by `on_gimbal`; None without one.
         cameras: names of the rig's cameras.
         consistency: see the attribute.
         stop_at_faults: where the rig is surely not as described, bearings are uncertain and no motion rests on them.
     """
 
-    def __init__(self, tracker: Tracker, converter: MeasurementConverter, observer: FusionObserver | None = None,
+    def __init__(self, tracker: Tracker, converter: MeasurementConverter, observer: Any = None,
                  gimbal: GimbalHistory | None = None, cameras: Sequence[str] = CAMERAS[:1],
                  consistency: ConsistencyMonitor | None = None, stop_at_faults: bool = True) -> None:
         self.consistency, self._stop_at_faults = consistency, stop_at_faults
@@ -141,7 +92,7 @@ class FusionStage:
         self._cameras = {camera_topic(camera, DETECTIONS): camera for camera in cameras}  # by the topic of their detections
         self.gate = InputGate((DOA, *self._cameras, ODOMETRY))
         self._observer = observer
-        self._visibilities: dict[str, Seen] = {}  # by camera
+        self._visibilities: dict[str, tuple[float, float, float]] = {}  # by camera, see UNSEEN
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
@@ -193,7 +144,7 @@ class FusionStage:
         """
         if camera_topic(camera, VISIBILITY) not in self.gate.contested:
             searched = 1.0 - message.unsearched if 0.0 <= message.unsearched <= 1.0 else 1.0
-            self._visibilities[camera] = Seen(to_seconds(message.header.stamp), message.visibility, searched)
+            self._visibilities[camera] = to_seconds(message.header.stamp), message.visibility, searched
 
     def on_camera_info(self, message: CameraInfo, camera: str = CAMERAS[0]) -> None:
         """Take the model of a camera that its detections refer to.
@@ -343,10 +294,10 @@ class FusionStage:
         return True
 
     def _use_detections(self, camera: str, message: Detection2DArray, arrival: float) -> bool:
-        seen = self._visibilities.get(camera, UNSEEN)
-        if abs(to_seconds(message.header.stamp) - seen.stamp) >= VISIBILITY_AGE_S:
-            seen = UNSEEN
-        measurement = self.converter.detections(message, seen.visibility, seen.searched, camera)
+        stamp, visibility, searched = self._visibilities.get(camera, UNSEEN)
+        if abs(to_seconds(message.header.stamp) - stamp) >= VISIBILITY_AGE_S:
+            _, visibility, searched = UNSEEN
+        measurement = self.converter.detections(message, visibility, searched, camera)
         if measurement is None:
             return False
         if self._gimbal is not None:
@@ -381,7 +332,7 @@ class FusionStage:
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
-                      models: Mapping[str, PinholeCamera] | None = None, observer: FusionObserver | None = None,
+                      models: Mapping[str, PinholeCamera] | None = None, observer: Any = None,
                       tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
                       cameras: Sequence[str] = CAMERAS[:1]) -> FusionStage:
     """A stage from the parameters of fusion_node.

@@ -20,7 +20,7 @@ LARGEST_OFFSET_S = 60.0    # of a stamp from its arrival: the figures take memor
 
 
 class RunRecorder:
-    """A `FusionObserver` that writes a `RunLog`. Delays are in the time of the arrivals: computing takes none.
+    """An observer of a `FusionStage` that writes a `RunLog`. Delays are in the time of the arrivals: computing takes none.
 
     Raises ValueError for what is stamped by another clock.
 
