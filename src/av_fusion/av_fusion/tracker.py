@@ -132,13 +132,12 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         time = measurement.time - self.settings.sight_delay
         self._reset_after_gap(time)
-        measurement = self._calibration.align(time, measurement)
+        # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
+        seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
+        measurement = self._calibration.align(time, measurement, len(seen) > 1)
         self._images[measurement.camera] = measurement
         recent = [one for one in self._images.values() if abs(one.time - measurement.time) <= SIGHT_TIMEOUT_S]
         self._image = max(recent, key=lambda one: one.visibility if math.isfinite(one.visibility) else -1.0)
-        # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
-        seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
-        self._calibration.see(time, measurement.best if len(seen) < 2 else None)
         self.filter.update_image(time, measurement)
         followed = next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
         score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0

@@ -11,7 +11,7 @@ from av_common.timeline import Timeline
 from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.camera_alignment import CameraAlignment
 from av_fusion.calibration.self_calibration import LEAST_CONFIDENCE, SelfCalibration
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, combined, cross, direction, dot, turned, turned_back
 from av_fusion.tracks.filter import effective_sample_fraction
@@ -59,16 +59,14 @@ class SightingCalibration:
 
     def reset(self) -> None:
         """Discard the sightings, but keep what is known of array and cameras."""
-        self._sightings: Timeline[Sighting] = Timeline(KEPT_S)
-        self._first: Timeline[Sighting] = Timeline(KEPT_S)  # of the first camera, where it shows one thing
+        self._sightings: Timeline[Sighting] = Timeline(KEPT_S)  # by the first camera, where it shows one thing
         self._others: deque[tuple[float, CameraMeasurement]] = deque(maxlen=MOST_WAITING)
 
     def turn_world(self, rows: Rows) -> None:
         """Turn the sightings with the world, where the rig's attitude was corrected."""
-        for sightings in (self._sightings, self._first):
-            sightings.change(lambda one: one._replace(direction=turned(rows, one.direction)))
+        self._sightings.change(lambda one: one._replace(direction=turned(rows, one.direction)))
 
-    def align(self, time: float, measurement: CameraMeasurement) -> CameraMeasurement:
+    def align(self, time: float, measurement: CameraMeasurement, several: bool = False) -> CameraMeasurement:
         """Compare the images of further cameras with those of the first; returns an image corrected.
 
         What is compared is the only thing in each image: of several it is not known which is which.
@@ -76,39 +74,30 @@ class SightingCalibration:
         Parameters:
             time (s): capture time of the image.
             measurement: the image.
+            several: whether several things were seen recently.
         """
-        first = measurement.camera == CAMERAS[0]
-        if not self._enabled or (first and not self.cameras):
+        if not self._enabled:
             return measurement
+        first = measurement.camera == CAMERAS[0]
         found = [one for one in measurement.detections if one.score >= LEAST_CONFIDENCE]
-        if len(found) == 1 and math.isfinite(found[0].elevation_variance):
+        if len(found) == 1 and not several:
+            (one,) = found
             if not first:
-                self._others.append((time, measurement._replace(detections=tuple(found))))
-            elif time > self._first.newest:
-                self._first.add(time, self._sighting(time, found[0]))
-        while self._others and self._others[0][0] <= self._first.newest:
+                self._others.append((time, measurement._replace(detections=(one,))))
+            elif time > self._sightings.newest:
+                in_world = turned(self._motion.attitude(time), direction(one.azimuth, one.elevation))
+                self._sightings.add(time, Sighting(time, in_world, one.across_variance))
+        while self._others and self._others[0][0] <= self._sightings.newest:
             self._compare(*self._others.popleft())
         return measurement if first else self.cameras.setdefault(measurement.camera, CameraAlignment()).corrected(measurement)
 
     def _compare(self, time: float, measurement: CameraMeasurement) -> None:
         """Compare what a further camera saw with what the first one sees at that time (s)."""
-        sighting, found = _at(self._first, time), measurement.detections[0]
+        sighting, found = _at(self._sightings, time), measurement.detections[0]
         if sighting is not None:
             seen = turned_back(measurement.view, turned_back(self._motion.attitude(time), sighting.direction))
             itself = turned_back(measurement.view, direction(found.azimuth, found.elevation))
             self.cameras[measurement.camera].compare(time, itself, seen, sighting.variance + found.across_variance)
-
-    def see(self, time: float, best: Detection | None) -> None:
-        """Note the best detection of an image captured at `time` (s), if it is certain enough."""
-        if not self._enabled or time <= self._sightings.newest:
-            return
-        if best is not None and best.score >= LEAST_CONFIDENCE:
-            self._sightings.add(time, self._sighting(time, best))
-
-    def _sighting(self, time: float, seen: Detection) -> Sighting:
-        """What was seen at a time (s), in the world."""
-        in_world = turned(self._motion.attitude(time), direction(seen.azimuth, seen.elevation))
-        return Sighting(time, in_world, seen.across_variance)
 
     def correct(self, measurement: DoaMeasurement, time: float, newest: float) -> DoaMeasurement:
         """Compare a direction of arrival with the sighting of its time; returns it corrected.
