@@ -52,20 +52,16 @@ class FrameMaker:
         """Forget the frame before, from which the next one is faded."""
         self._before = None
 
-    def make(self, sent: NDArray, factors: NDArray | None, spread: int) -> Frame:
+    def make(self, sent: NDArray, factors: NDArray, spread: int) -> Frame:
         """The signals of one frame.
 
         Parameters:
             sent (samples, (sources, rays)): time of emission of the sound that the array's centre receives at the start.
-            factors ((sources, rays, F)): responses of the rays at `frequency_hz`, None for no filtering.
+            factors ((sources, rays, F)): responses of the rays at `frequency_hz`.
             spread (samples): maximum difference of the delays between a microphone and the array's centre.
         """
         first = np.floor(sent).astype(int) - spread - BEFORE - 2
         length = int(self.samples * (1.0 + FASTEST)) + 2 * spread + TAPS + 4
-        if factors is None:
-            active = np.ones(sent.shape, bool)
-            unfiltered = [self._read(number, begins, length) for number, begins in enumerate(first)]
-            return Frame(np.array(unfiltered).reshape(*sent.shape, length), first, active)
         sent_before, factors_before = self._before or (sent - self.samples, factors)
         self._before = sent, factors
         active = np.any(factors, axis=-1) | np.any(factors_before, axis=-1)

@@ -43,7 +43,6 @@ class Propagation:
         self._rays = rays_of(surroundings, frequency, medium.speed_of_sound)
         self._mirrors = np.array([ray.mirror for ray in self._rays])
         self._shifts = np.array([ray.shift for ray in self._rays])
-        self._plain = surroundings.open and not medium.absorption and not any(source.directivity for source in sources)
         self._frames: dict[int, Frame] = {}
         self._spread = 0
 
@@ -111,13 +110,12 @@ class Propagation:
         """The frame that the array's centre (m, (3,)) receives from `received_at` (samples of true time)."""
         images = self._mirrors @ centre + self._shifts
         sent = np.empty((len(self._sources), len(images)))
-        factors = None if self._plain else np.zeros((*sent.shape, len(self._air)), complex)
+        factors = np.zeros((*sent.shape, len(self._air)), complex)
         for number, source in enumerate(self._sources):
             now = np.array([received_at / self._rate])
             delay = retarded_delay(source.position, images[:, None], now, self._medium.speed_of_sound)[:, 0]
             sent[number] = received_at - delay * self._rate
-            if factors is not None:
-                factors[number] = self._factors(source, sent[number] / self._rate, images, centre)
+            factors[number] = self._factors(source, sent[number] / self._rate, images, centre)
         return self._maker.make(sent, factors, self._spread)
 
     def _factors(self, source: Source, sent_s: NDArray, images: NDArray, centre: NDArray) -> NDArray:

@@ -1,17 +1,15 @@
 """Propagation paths: direct, and reflected by the ground, by faces of obstacles and by the walls of a room.
 
-A reflected ray is a straight line to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (m, (3,)), so
-that the image is mirror @ receiver + shift. Its `factor` (F,) is the response of the amplitude at the frequencies for which
-the rays were made, None while the path does not exist. Edges: Kurze and Anderson, Sound attenuation by barriers, 1971, after
-Maekawa 1968.
+A reflected ray is a straight line to a mirror image of the receiver, mirror @ receiver + shift. Its `factor` (F,) is the
+response of the amplitude at the frequencies for which the rays were made. Edges: Kurze and Anderson, Sound attenuation by
+barriers, 1971, after Maekawa 1968.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,19 +66,17 @@ def occlusion(obstacles: Iterable[Obstacle], source: NDArray, receiver: NDArray,
     return factor
 
 
-class Ray(Protocol):
-    """One path from a source to the receivers."""
+class Ray(NamedTuple):
+    """One path from a source to the receivers.
 
-    @property
-    def mirror(self) -> NDArray:
-        """Linear part (3, 3) of the mirror image."""
+    Parameters:
+        mirror ((3, 3)), shift (m, (3,)): mirror image of a receiver.
+        factor: response (F,), real or complex, for source and receiver (m, (3,)) in ENU; None if the path does not exist.
+    """
 
-    @property
-    def shift(self) -> NDArray:
-        """Translation (m, (3,)) of the mirror image."""
-
-    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
-        """Response (F,), real or complex, for source and receiver (m, (3,)) in ENU; None if the path does not exist."""
+    mirror: NDArray
+    shift: NDArray
+    factor: Callable[[NDArray, NDArray], NDArray | None]
 
 
 def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: float) -> list[Ray]:
@@ -92,17 +88,17 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
         speed_of_sound (m/s): speed of sound.
     """
     shade = Shade(surroundings.obstacles, frequency_hz, speed_of_sound)
-    rays: list[Ray] = [DirectRay(shade)]
+    rays = [Ray(np.eye(3), np.zeros(3), shade.factor)]
     ground = surroundings.ground
     if ground is not None:
-        rays.append(GroundRay(ground, shade))
+        rays.append(_reflected(shade, ground))
     for obstacle in surroundings.obstacles:
         if isinstance(obstacle, Box) and obstacle.reflects:
             kept = reflection_factor(obstacle.absorption, frequency_hz)
             for face in obstacle.faces():
-                rays.append(FaceRay(face, kept, shade))
+                rays.append(_reflected(shade, None, face, kept))
                 if ground is not None and face.upright:
-                    rays.append(FaceRay(face, kept, shade, ground))
+                    rays.append(_reflected(shade, ground, face, kept))
     if surroundings.room is not None:
         rays.extend(_room_rays(surroundings.room, frequency_hz))
     return rays
@@ -140,89 +136,40 @@ class Shade:
         return occlusion(close, start, end, self.frequency_hz, self.speed_of_sound)
 
 
-class DirectRay:
-    """The direct ray."""
-
-    def __init__(self, shade: Shade):
-        self.mirror, self.shift = np.eye(3), np.zeros(3)
-        self._shade = shade
-
-    def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
-        """See Ray."""
-        return self._shade.factor(source, receiver)
-
-
-class GroundRay:
-    """The ray reflected by the ground."""
-
-    def __init__(self, ground: Ground, shade: Shade):
-        self.mirror = np.diag([1.0, 1.0, -1.0])
-        self.shift = np.zeros(3)
-        self._ground, self._shade = ground, shade
-
-    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
-        """See Ray."""
-        above, received_above = source[2], receiver[2]
-        if above < 0.0 or received_above < 0.0:
-            return None
-        path = self.mirror @ receiver + self.shift - source
-        touched = source + path * (above / max(above + received_above, 1e-9))
-        reflected = ground_factor(self._ground, path, self._shade)
-        return reflected * self._shade.factor(source, touched) * self._shade.factor(touched, receiver)
-
-
-def ground_factor(ground: Ground, path: NDArray, shade: Shade) -> NDArray:
-    """Reflection coefficient (F,) of the ground.
+def _reflected(shade: Shade, ground: Ground | None, face: Face | None = None, kept: NDArray | float = 1.0) -> Ray:
+    """The ray reflected by a face, by the ground, or by both.
 
     Parameters:
-        ground: the ground.
-        path (m, (3,)): vector from the source to the receiver's image.
-        shade: for frequencies and speed of sound.
+        shade: attenuation by obstacles.
+        ground: None for a ray that it does not reflect.
+        face: None for a ray that only the ground reflects.
+        kept ((F,)): reflection factor of the face.
     """
-    length = np.asarray(np.linalg.norm(path))
-    return ground.reflection(np.abs(path[2]) / length, length, shade.frequency_hz, shade.speed_of_sound)
+    normal, offset, box = (np.array([0.0, 0.0, 1.0]), 0.0, None) if face is None else (face.normal, face.offset, face.box)
+    mirror, shift = np.eye(3) - 2.0 * np.outer(normal, normal), 2.0 * offset * normal
+    if face is not None and ground is not None:
+        mirror = mirror @ np.diag([1.0, 1.0, -1.0])
 
-
-class FaceRay:
-    """A ray reflected by one face of a box and, with `ground`, by the ground."""
-
-    def __init__(self, face: Face, kept: NDArray, shade: Shade, ground: Ground | None = None):
-        self.mirror = np.eye(3) - 2.0 * np.outer(face.normal, face.normal)
-        self.shift = 2.0 * face.offset * face.normal
-        if ground is not None:
-            self.mirror = self.mirror @ np.diag([1.0, 1.0, -1.0])
-        self._face, self._kept, self._shade, self._ground = face, kept, shade, ground
-
-    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
-        """See Ray."""
-        before, behind = (self._face.normal @ point - self._face.offset for point in (source, receiver))
-        if before <= 0.0 or behind <= 0.0:
+    def factor(source: NDArray, receiver: NDArray) -> NDArray | None:
+        before, behind = (normal @ point - offset for point in (source, receiver))
+        if min(before, behind) < 0.0:
             return None
-        path = self.mirror @ receiver + self.shift - source
-        touched = source + path * (before / (before + behind))
-        if self._ground is not None:
+        path = mirror @ receiver + shift - source
+        touched = source + path * (before / max(before + behind, 1e-9))
+        if face is not None and ground is not None:
             touched[2] = abs(touched[2])
-        if not self._face.holds(touched):
+        if face is not None and not face.holds(touched):
             return None
-        factor = self._kept * self._shade.factor(source, touched, self._face.box)
-        factor = factor * self._shade.factor(touched, receiver, self._face.box)
-        return factor if self._ground is None else factor * ground_factor(self._ground, path, self._shade)
+        reflected = kept * shade.factor(source, touched, box) * shade.factor(touched, receiver, box)
+        if ground is None:
+            return reflected
+        length = np.asarray(np.linalg.norm(path))
+        return reflected * ground.reflection(np.abs(path[2]) / length, length, shade.frequency_hz, shade.speed_of_sound)
+
+    return Ray(mirror, shift, factor)
 
 
-@dataclass(frozen=True)
-class WallsRay:
-    """A ray reflected by walls of a room, with a constant response."""
-
-    mirror: NDArray
-    shift: NDArray
-    kept: NDArray
-
-    def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
-        """See Ray."""
-        return self.kept
-
-
-def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
+def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[Ray]:
     """All rays with 1 to `order` reflections (Allen and Berkley 1979, with mirrored receiver instead of source)."""
     low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
     kept = reflection_factor(room.absorption, frequency_hz)
@@ -234,4 +181,4 @@ def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
             continue
         sign = np.array([1.0 if turn % 2 == 0 else -1.0 for turn in turns])
         cells = np.array([(turn + 1) // 2 for turn in turns])
-        yield WallsRay(np.diag(sign), low - sign * low + 2.0 * cells * size, kept**hits)
+        yield Ray(np.diag(sign), low - sign * low + 2.0 * cells * size, lambda source, receiver, factor=kept**hits: factor)

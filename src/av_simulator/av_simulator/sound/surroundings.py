@@ -52,11 +52,6 @@ class Surroundings:
     room: Room | None = None
     zones: Sequence[ReverbZone] = ()
 
-    @property
-    def open(self) -> bool:
-        """Whether there is only the direct path (free field)."""
-        return self.ground is None and self.room is None and not self.obstacles
-
     def __post_init__(self) -> None:
         if self.ground is not None and self.room is not None:
             raise ValueError('ground and room are both given, expected one: the floor of the room is its ground')
