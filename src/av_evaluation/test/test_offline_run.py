@@ -86,7 +86,7 @@ def test_detections_of_a_turning_gimbal_on_a_tilting_body_are_right(stabilized):
     for now, _ in run.steps(3.0):
         state = run.world.rig_state(now)
         tilts.append(math.degrees(math.acos(state.rotation[2, 2])))
-        east, north, _ = run.world.target_state(0, now).position - state.position
+        east, north, _ = run.world.target_states(0, [now])[0].position - state.position
         heading = math.atan2(state.rotation[1, 0], state.rotation[0, 0])
         run.world.dynamics.look(float(wrap(math.atan2(north, east) - heading)) + 0.3 * math.sin(3.0 * now), 0.1, now)
     seen = np.isfinite(run.log.sight['azimuth']) & (run.log.sight['time'] > 0.5)

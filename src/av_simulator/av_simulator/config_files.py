@@ -12,7 +12,7 @@ from av_common.files import nearest
 def find_config(name: str, folder: str = '') -> Path:
     """Path of a configuration file. Raises ConfigError with the names of the shipped files if there is no such file.
 
-    The search order is `$AV_CONFIG`, the configuration installed by av_bringup, and config/ of the source tree.
+    The search order is the configuration installed by av_bringup, and config/ of the source tree.
 
     Parameters:
         name: path of a file, or name of a shipped file with or without `.yaml`.
@@ -37,8 +37,7 @@ def shipped(folder: str) -> list[str]:
 
 
 def _config_roots() -> list[Path]:
-    roots = [Path(os.environ['AV_CONFIG'])] if 'AV_CONFIG' in os.environ else []
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    roots += [Path(prefix) / 'share' / 'av_bringup' / 'config' for prefix in prefixes if prefix]
+    roots = [Path(prefix) / 'share' / 'av_bringup' / 'config' for prefix in prefixes if prefix]
     here = Path(__file__).resolve()
     return roots + [parent / 'config' for parent in here.parents if (parent / 'config' / 'scenarios').is_dir()]

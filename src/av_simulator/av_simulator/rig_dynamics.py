@@ -20,7 +20,7 @@ from av_simulator.motion.gusts import Gusts
 from av_simulator.motion.pursuit import Pursuit, PursuitPath
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 from av_simulator.scenario import RigMotion
-from av_simulator.sound import Wind
+from av_simulator.sound.noise import Wind
 from av_simulator.trajectories import Position, acceleration, velocity
 
 SAMPLES_PER_SECOND = 300  # of the motion: 160 samples of sound at 48 kHz

@@ -16,22 +16,15 @@ from av_simulator.motion.pursuit import Pursuit
 from av_simulator.profile import Profile
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland
-from av_simulator.sound import (
-    EngineSignal,
-    Ground,
-    HelicopterSignal,
-    Noise,
-    RecordedSignal,
-    ReverbZone,
-    Room,
-    RotorSignal,
-    SirenSignal,
-    Surroundings,
-    ToneSignal,
-    VoiceSignal,
-)
+from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
 from av_simulator.sound.frames import FASTEST
+from av_simulator.sound.ground import Ground
+from av_simulator.sound.noise import Noise
 from av_simulator.sound.obstacles import OBSTACLES, Obstacle
+from av_simulator.sound.reverberation import ReverbZone
+from av_simulator.sound.rotor import RotorSignal
+from av_simulator.sound.source_signals import RecordedSignal, ToneSignal
+from av_simulator.sound.surroundings import Room, Surroundings
 from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
 SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal, 'voice': VoiceSignal,

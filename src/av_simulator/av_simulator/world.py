@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +20,14 @@ from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
-from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, load_profile
-from av_simulator.sound.obstacles import Obstacle
-from av_simulator.sound.rotor import rotor_speed
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.noise import Noise
+from av_simulator.sound.obstacles import Box, Obstacle
+from av_simulator.sound.rotor import RotorSignal, rotor_speed
+from av_simulator.sound.source import Source, load_profile
 from av_simulator.sound.stream import spl_to_pascal
-from av_simulator.trajectories import Position, Static, acceleration, velocity
+from av_simulator.sound.world import SoundWorld
+from av_simulator.trajectories import Position, acceleration, velocity
 
 SHUTTER = 2e-3  # s, time over which the camera's turn is taken
 INSTANT = 160   # samples between the instants at which the microphones' positions are computed
@@ -104,10 +105,6 @@ class World:
         """The rig's state at a time (s) within the newest step."""
         return self.dynamics.motion.state(time)
 
-    def target_state(self, number: int, time: float) -> VehicleState:
-        """State of the target with an index at a time (s)."""
-        return self.target_states(number, [time])[0]
-
     def target_states(self, number: int, times: ArrayLike) -> list[VehicleState]:
         """States of one target. Its x axis points along the flight, its z axis along the thrust.
 
@@ -170,7 +167,7 @@ class World:
                     weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)
 
     def _drone(self, number: int, time: float) -> Drone:
-        target, state = self.scenario.targets[number], self.target_state(number, time)
+        target, state = self.scenario.targets[number], self.target_states(number, [time])[0]
         rotors = self._rotors(number)
         sides = (-1.0) ** np.arange(rotors)
         turns = state.rotor_rpm[:rotors] / 60.0 if state.rotor_rpm.any() else np.full(rotors, 90.0)
@@ -188,25 +185,6 @@ class World:
     def _rotors(self, number: int) -> int:
         signal = self._sources[number].signal
         return min(max(len(signal.rotor_hz), 3), 8) if isinstance(signal, RotorSignal) else 4
-
-
-def with_recording(scenario: Scenario, file: str | Path) -> Scenario:
-    """The scenario with a sound file as the signal of every drone. Raises FileNotFoundError."""
-    signal = RecordedSignal(file)
-    return dataclasses.replace(scenario, targets=tuple(dataclasses.replace(target, signal=signal)
-                                                       for target in scenario.targets))
-
-
-def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float) -> Scenario:
-    """The scenario with the rig at another position.
-
-    Parameters:
-        scenario: the scenario.
-        x, y, z (m): position of the rig in ENU.
-        yaw_deg (deg): yaw of the rig, counter-clockwise from east.
-    """
-    rig = dataclasses.replace(scenario.rig, trajectory=Static((x, y, z)), yaw_deg=yaw_deg)
-    return dataclasses.replace(scenario, rig=rig)
 
 
 def _source(target: Target) -> Source:
@@ -230,16 +208,10 @@ def _seen(obstacle: Obstacle) -> Solid:
     """The visible solid of an acoustic obstacle: thin boxes (whiteboards) are white, thick ones grey, trunks brown."""
     if isinstance(obstacle, Box):
         colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
-        return Solid('box', _vector(obstacle.center), _vector([length / 2 for length in obstacle.size]), colour,
-                     np.deg2rad(obstacle.yaw_deg))
+        return Solid('box', obstacle.center, [length / 2 for length in obstacle.size], colour, np.deg2rad(obstacle.yaw_deg))
     half = (obstacle.top - obstacle.bottom) / 2
-    return Solid('cylinder', _vector([*obstacle.center, obstacle.bottom + half]), (obstacle.radius, obstacle.radius, half),
+    return Solid('cylinder', [*obstacle.center, obstacle.bottom + half], (obstacle.radius, obstacle.radius, half),
                  (0.42, 0.36, 0.30))
-
-
-def _vector(values: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = values
-    return x, y, z
 
 
 def _flight_attitudes(path: Position, times: NDArray) -> NDArray:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from av_simulator.sound import FormulaSignal, Medium, Noise, SoundWorld, Source
-from av_simulator.sound.medium import absorption_db_per_m
 
 RATE = 48000
 TONES_HZ = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
@@ -27,7 +26,7 @@ def levels(distance, medium):
 ])
 def test_absorption_is_that_of_the_standards_table(climate, table):
     exact_midbands = 1000.0 * 10.0 ** (0.3 * np.arange(-4, 4))
-    computed = 1000.0 * absorption_db_per_m(exact_midbands, *climate)
+    computed = 1000.0 * Medium(*climate).absorption_db_per_m(exact_midbands)
     np.testing.assert_allclose(computed, table, rtol=0.005, atol=0.05)
 
 
@@ -36,7 +35,7 @@ def test_absorption_is_that_of_the_standards_table(climate, table):
 def test_rendered_absorption_is_the_formula(climate, distance):
     damped = levels(distance, Medium(*climate, absorption=True))
     lost_db = -20 * np.log10(damped / levels(distance, Medium(*climate)))
-    np.testing.assert_allclose(lost_db, absorption_db_per_m(TONES_HZ, *climate) * distance, atol=0.1)
+    np.testing.assert_allclose(lost_db, Medium(*climate).absorption_db_per_m(TONES_HZ) * distance, atol=0.1)
 
 
 def test_spreading_is_spherical():

@@ -15,7 +15,7 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
-from av_simulator.sound.medium import absorption_db_per_m
+from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise, Wind
 from av_simulator.sound.source_signals import SourceSignal
 from av_simulator.sound.stream import spl_to_pascal
@@ -82,7 +82,7 @@ class Scene:
 
     def _attenuated(self, distance: float, frequencies: NDArray) -> NDArray:
         """Gain (k,) of spherical spreading from 1 m and of the air (ISO 9613-1)."""
-        loss = absorption_db_per_m(frequencies, TEMPERATURE_C, HUMIDITY_PERCENT)
+        loss = Medium(TEMPERATURE_C, HUMIDITY_PERCENT).absorption_db_per_m(frequencies)
         return np.asarray(10.0 ** (-0.05 * loss * distance) / distance)
 
     def _heard(self, distance: float) -> tuple[float, float]:

@@ -10,24 +10,19 @@ import time
 from pathlib import Path
 from typing import Any
 
-from av_common.arguments import not_negative, positive, whole
+from av_common.arguments import positive
+from av_simulator.cli.arguments import parser_of, world_of
 from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
-from av_simulator.run import open_world, steps
-from av_simulator.scenario import load_scenario
-from av_simulator.world import World, with_recording
+from av_simulator.run import steps
+from av_simulator.world import World
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
-    parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
+    parser = parser_of('simulate', __doc__)
     parser.add_argument('--out', type=Path, required=True, help='folder for the results; created if needed')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's)")
-    parser.add_argument('--seed', type=whole, help="seed (default: the scenario's)")
-    parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
-    parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
-    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')
     parser.add_argument('--everything', action='store_true', help='also write PNGs of depth, segmentation and temperature')
     parser.add_argument('--bag', action='store_true', help="also write a rosbag2 (mcap) with the rig's topics")
     return parser.parse_args(arguments)
@@ -38,12 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        file = find_config(options.scenario, 'scenarios')
-        scenario = load_scenario(file)
-        if options.drone_recording:
-            scenario = with_recording(scenario, options.drone_recording)
-        world = open_world(scenario, options.rig or '', options.seed)
-        _simulate(world, file, options)
+        _simulate(world_of(options), find_config(options.scenario, 'scenarios'), options)
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         print(f'simulate: {error}', file=sys.stderr)
         return 2

@@ -8,22 +8,16 @@ import signal
 import sys
 from dataclasses import asdict
 
-from av_common.arguments import not_negative, positive, whole
+from av_common.arguments import not_negative, positive
 from av_common.launched import report_started
 from av_sim_bridge.wire.ports import Ports
-from av_simulator.cli.arguments import finite, port_offset
-from av_simulator.config_files import find_config
-from av_simulator.run import open_world
-from av_simulator.scenario import load_scenario
+from av_simulator.cli.arguments import finite, parser_of, port_offset, world_of
 from av_simulator.simulator import Simulator, WireOptions
-from av_simulator.world import standing_at, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog='simulator', description=__doc__)
-    parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
-    parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
+    parser = parser_of('simulator', __doc__)
     parser.add_argument('--host', default='127.0.0.1', help='receiver of the datagrams (default: %(default)s)')
     parser.add_argument('--bind-address', default='', metavar='ADDRESS',
                         help='address of this machine from which is sent (default: that by which the receiver is reached)')
@@ -32,12 +26,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                              'at the receiver, which sends them from the port of the true state)')
     parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
-    parser.add_argument('--seed', type=whole, help="seed (default: the scenario's)")
-    parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--audio-header', action='store_true',
                         help='send audio datagrams with number and time; RFlySim does not')
-    parser.add_argument('--image-rate', type=not_negative, default=15.0,
-                        help='images a second, 0 for none (default: %(default)s)')
     parser.add_argument('--depth', action='store_true', help='also send depth images, as the next image sensor')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
                         help='scene: 3D scene; flat: flat shapes, cheaper; auto: scene if OpenGL is available')
@@ -45,8 +35,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         'in the past is joined at the present')
     parser.add_argument('--at', type=finite, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
                         help="position (m) and yaw of this rig, instead of the scenario's")
-    # A launch file that runs this program as a node adds --ros-args, which is ignored.
-    return parser.parse_args(_without_ros_arguments(sys.argv[1:] if arguments is None else arguments))
+    return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -55,12 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     log = logging.getLogger('simulator')
     options = parse(arguments)
     try:
-        scenario = load_scenario(find_config(options.scenario, 'scenarios'))
-        if options.drone_recording:
-            scenario = with_recording(scenario, options.drone_recording)
-        if options.at:
-            scenario = standing_at(scenario, *options.at)
-        world = open_world(scenario, options.rig or '', options.seed)
+        world = world_of(options, options.at)
         simulator = Simulator(world, WireOptions(
             host=options.host, bind_address=options.bind_address, allowed_senders=tuple(options.allowed_senders),
             ports=Ports().shifted(options.port_offset), audio_header=options.audio_header, image_rate=options.image_rate,
@@ -71,9 +55,9 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: simulator.stop())
     report_started()
-    log.info('%s: %s', scenario.name, scenario.description)
+    log.info('%s: %s', world.scenario.name, world.scenario.description)
     try:
-        simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
+        simulator.run(world.scenario.duration if options.duration is None else options.duration, options.begin)
     except ValueError as error:
         log.error('%s', error)
         return 2
@@ -86,15 +70,6 @@ def main(arguments: list[str] | None = None) -> int:
     log.info('%.1f s simulated; %.1f images a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
              ', '.join(counts))
     return 0
-
-
-def _without_ros_arguments(arguments: list[str]) -> list[str]:
-    if '--ros-args' not in arguments:
-        return arguments
-    begin = arguments.index('--ros-args')
-    rest = arguments[begin:]
-    end = rest.index('--') + 1 if '--' in rest else len(rest)
-    return arguments[:begin] + rest[end:]
 
 
 if __name__ == '__main__':

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Protocol
 
@@ -29,8 +29,8 @@ class Solid:
     """
 
     shape: str
-    centre: tuple[float, float, float]
-    half_size: tuple[float, float, float]
+    centre: Sequence[float]
+    half_size: Sequence[float]
     colour: Colour
     yaw: float = 0.0
     surface: str = ''

@@ -3,42 +3,19 @@
 The models are described in docs/reference/simulated_sound.md.
 """
 
-from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
-from av_simulator.sound.ego_rotors import EgoRotors
-from av_simulator.sound.ground import Ground
-from av_simulator.sound.medium import Medium
-from av_simulator.sound.noise import Noise, Snr, Wind
-from av_simulator.sound.obstacles import Box, Trunk
-from av_simulator.sound.reverberation import ReverbZone
-from av_simulator.sound.rotor import RotorSignal
-from av_simulator.sound.source import RotorDirectivity, Source, load_profile
-from av_simulator.sound.source_signals import FormulaSignal, RecordedSignal, SourceSignal, ToneSignal
-from av_simulator.sound.surroundings import Room, Surroundings
-from av_simulator.sound.world import SoundWorld
+from av_common.exports import exports
 
-__all__ = [
-    'Box',
-    'EgoRotors',
-    'EngineSignal',
-    'FormulaSignal',
-    'Ground',
-    'HelicopterSignal',
-    'Medium',
-    'Noise',
-    'RecordedSignal',
-    'ReverbZone',
-    'Room',
-    'RotorDirectivity',
-    'RotorSignal',
-    'SirenSignal',
-    'Snr',
-    'SoundWorld',
-    'Source',
-    'SourceSignal',
-    'Surroundings',
-    'ToneSignal',
-    'Trunk',
-    'VoiceSignal',
-    'Wind',
-    'load_profile',
-]
+__all__, __getattr__ = exports(__name__, {
+    'bystander_signals': 'EngineSignal HelicopterSignal SirenSignal VoiceSignal',
+    'ego_rotors': 'EgoRotors',
+    'ground': 'Ground',
+    'medium': 'Medium',
+    'noise': 'Noise Snr Wind',
+    'obstacles': 'Box Trunk',
+    'reverberation': 'ReverbZone',
+    'rotor': 'RotorSignal',
+    'source': 'RotorDirectivity Source load_profile',
+    'source_signals': 'FormulaSignal RecordedSignal SourceSignal ToneSignal',
+    'surroundings': 'Room Surroundings',
+    'world': 'SoundWorld',
+})

@@ -181,4 +181,9 @@ def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[Ray]:
             continue
         sign = np.array([1.0 if turn % 2 == 0 else -1.0 for turn in turns])
         cells = np.array([(turn + 1) // 2 for turn in turns])
-        yield Ray(np.diag(sign), low - sign * low + 2.0 * cells * size, lambda source, receiver, factor=kept**hits: factor)
+        yield Ray(np.diag(sign), low - sign * low + 2.0 * cells * size, _constant(kept**hits))
+
+
+def _constant(factor: NDArray) -> Callable[[NDArray, NDArray], NDArray]:
+    """A response that does not depend on the places of source and receiver."""
+    return lambda source, receiver: factor
