@@ -103,8 +103,7 @@ class RigDynamics:
         self._followed: VehicleState | None = None
         self.gimbal = None if gimbal is None else SimulatedGimbal(gimbal)
         begin = self._path(np.zeros(1))[0]
-        self._body = motion.body.moving()
-        self._now = self._body.start(begin, self._air(1.0 / SAMPLES_PER_SECOND, begin))
+        self._now, self._body = motion.body.begin(begin, self._air(1.0 / SAMPLES_PER_SECOND, begin))
         self._heading = self._yaw.angle
         self.motion = self._sampled(np.array([-1.0 / SAMPLES_PER_SECOND, 0.0]), [self._now] * 2, [self._heading] * 2)
 
@@ -140,7 +139,7 @@ class RigDynamics:
         for dt, time, path in zip(np.diff(times).tolist(), times[1:].tolist(), self._path(times[1:]), strict=True):
             pursuit = self._settings.pursuit
             wanted = path if pursuit is None or time < pursuit.begin else self._pursued(pursuit, dt, time)
-            states.append(self._body.step(dt, wanted, self._air(dt, states[-1])))
+            states.append(self._body(dt, wanted, self._air(dt, states[-1])))
             headings.append(self._yaw.step(dt, time))
         self._now, self._heading = states[-1], headings[-1]
         return self._sampled(times, states, headings)

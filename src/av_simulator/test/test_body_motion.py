@@ -45,11 +45,10 @@ def test_a_hover_in_steady_wind_tilts_by_the_drag_over_the_weight(wind):
 
 def test_a_hover_finds_its_tilt_when_the_wind_rises():
     """From calm air, without knowledge of the wind: the place is held in the end."""
-    body = Quadrotor(drag=0.3).moving()
     place = Kinematics(np.array([0.0, 0.0, 5.0]), np.zeros(3), np.zeros(3))
-    body.start(place, np.zeros(3))
+    _, body = Quadrotor(drag=0.3).begin(place, np.zeros(3))
     for _ in range(12_000):
-        state = body.step(1 / 300, place, np.array([8.0, 0.0, 0.0]))
+        state = body(1 / 300, place, np.array([8.0, 0.0, 0.0]))
     assert math.degrees(math.acos(state.up[2])) == pytest.approx(math.degrees(math.atan(0.3 * 8.0 / G)), abs=0.05)
     np.testing.assert_allclose(state.position, place.position, atol=0.02)
 
@@ -119,11 +118,11 @@ def test_the_imu_feels_the_derivatives_of_the_pose(body):
 def test_a_mast_swings_at_its_frequency_and_dies_away():
     """Released from a bend: the decrement of a damped oscillator."""
     mast = Mast(height=8.0, bend_deg=6.0, frequency=0.5, damping=0.05)
-    body, foot = mast.moving(), Kinematics(np.zeros(3), np.zeros(3), np.zeros(3))
-    body.start(foot, np.array([10.0, 0.0, 0.0]))
+    foot = Kinematics(np.zeros(3), np.zeros(3), np.zeros(3))
+    _, body = mast.begin(foot, np.array([10.0, 0.0, 0.0]))
     east = []
     for _ in range(3000):
-        east.append(body.step(1 / 300, foot, np.zeros(3)).position[0])
+        east.append(body(1 / 300, foot, np.zeros(3)).position[0])
     omega, z = 2 * math.pi * 0.5, 0.05
     t = np.arange(1, 3001) / 300
     ringing = omega * math.sqrt(1 - z**2)

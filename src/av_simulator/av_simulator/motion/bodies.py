@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,42 +32,22 @@ class Kinematics(NamedTuple):
     up: NDArray = UP
 
 
-class Moving(Protocol):
-    """A body in motion."""
-
-    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
-        """The state at the beginning, in equilibrium.
-
-        Parameters:
-            path: where the body shall be.
-            air (m/s, (3,)): velocity of the air in ENU.
-        """
-
-    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
-        """The state after `dt` (s).
-
-        Parameters:
-            dt (s): step.
-            path: where the body shall be at the end of the step.
-            air (m/s, (3,)): velocity of the air in ENU.
-        """
+# A body in motion: from a time (s), where it shall be then, and the velocity of the air (m/s, (3,)) in ENU its state then.
+Moving = Callable[[float, Kinematics, NDArray], Kinematics]
 
 
 @dataclass(frozen=True)
 class Level:
     """A body that is exactly on its path and level, whatever the wind."""
 
-    def moving(self) -> Moving:
-        """The body in motion, which has no state."""
-        return self
+    def begin(self, path: Kinematics, air: NDArray) -> tuple[Kinematics, Moving]:
+        """The state at the beginning, in equilibrium, and the body in motion.
 
-    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
-        """See Moving."""
-        return path
-
-    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
-        """See Moving."""
-        return path
+        Parameters:
+            path: where the body shall be.
+            air (m/s, (3,)): velocity of the air in ENU.
+        """
+        return path, lambda dt, path, air: path
 
 
 @dataclass(frozen=True)
@@ -86,9 +67,10 @@ class Quadrotor:
     max_tilt_deg: float = bounded(35.0, low=1.0, high=80.0)
     attitude_lag: float = bounded(0.15, low=0.01, high=2.0)
 
-    def moving(self) -> Moving:
-        """The body in motion."""
-        return _Quadrotor(self)
+    def begin(self, path: Kinematics, air: NDArray) -> tuple[Kinematics, Moving]:
+        """See Level."""
+        body = _Quadrotor(self, path, air)
+        return path._replace(up=body.up), body.step
 
 
 class _Quadrotor:
@@ -101,20 +83,13 @@ class _Quadrotor:
     MOST_RATE = math.radians(220.0)             # rad/s
     LEAST_UPWARDS = 0.3                         # of gravity: the thrust never ceases
 
-    def __init__(self, body: Quadrotor) -> None:
-        self._body = body
+    def __init__(self, body: Quadrotor, path: Kinematics, air: NDArray) -> None:
+        self._body, self._path = body, path    # where the body shall be now
         self._slope = math.tan(math.radians(body.max_tilt_deg))
-        self._position = self._velocity = self._integral = self._rate = np.zeros(3)
-        self._up = UP
-        self._path = Kinematics(*[np.zeros(3)] * 3)    # where the body shall be now
-
-    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
-        self._path = path
         self._position, self._velocity, self._rate = path.position, path.velocity, np.zeros(3)
-        self._integral = self._body.drag * (path.velocity - air)
+        self._integral = body.drag * (path.velocity - air)
         thrust, _ = self._limited(path.acceleration + self._integral + GRAVITY * UP)
-        self._up = thrust / math.hypot(*thrust)
-        return Kinematics(path.position, path.velocity, path.acceleration, self._up)
+        self.up = thrust / math.hypot(*thrust)
 
     def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
         path, self._path = self._path, path
@@ -123,10 +98,10 @@ class _Quadrotor:
         if not limited:
             self._integral = self._integral + dt * self.VELOCITY_I * error
         self._tilt(dt, thrust / math.hypot(*thrust))
-        acceleration = max(float(thrust @ self._up), 0.0) * self._up - GRAVITY * UP - self._body.drag * (self._velocity - air)
+        acceleration = max(float(thrust @ self.up), 0.0) * self.up - GRAVITY * UP - self._body.drag * (self._velocity - air)
         self._position = self._position + dt * self._velocity + 0.5 * dt**2 * acceleration
         self._velocity = within(self._velocity + dt * acceleration, MOST_SPEED)
-        return Kinematics(self._position, self._velocity, acceleration, self._up)
+        return Kinematics(self._position, self._velocity, acceleration, self.up)
 
     def _limited(self, thrust: NDArray) -> tuple[NDArray, bool]:
         """The thrust (m/s^2, (3,)) within the limit of the tilt, and whether it was beyond."""
@@ -137,15 +112,15 @@ class _Quadrotor:
 
     def _tilt(self, dt: float, wanted: NDArray) -> None:
         """Turn the thrust towards a direction ((3,))."""
-        axis = cross(self._up, wanted)
+        axis = cross(self.up, wanted)
         sine = math.hypot(*axis)
         rate = np.zeros(3)
         if sine > 1e-12:
-            angle = math.atan2(sine, float(self._up @ wanted))
+            angle = math.atan2(sine, float(self.up @ wanted))
             rate = min(angle / self._body.attitude_lag, self.MOST_RATE) / sine * axis
         self._rate = self._rate + (1.0 - math.exp(-dt / self.RATE_LAG)) * (rate - self._rate)
-        up = self._up + dt * cross(self._rate, self._up)
-        self._up = up / math.hypot(*up)
+        up = self.up + dt * cross(self._rate, self.up)
+        self.up = up / math.hypot(*up)
 
 
 @dataclass(frozen=True)
@@ -168,9 +143,10 @@ class Mast:
     frequency: float = bounded(0.5, low=0.05, high=10.0)
     damping: float = bounded(0.02, low=0.0, high=1.0)
 
-    def moving(self) -> Moving:
-        """The body in motion."""
-        return _Mast(self)
+    def begin(self, path: Kinematics, air: NDArray) -> tuple[Kinematics, Moving]:
+        """See Level."""
+        mast = _Mast(self, air)
+        return mast.kinematics(path, np.zeros(2)), mast.step
 
 
 class _Mast:
@@ -178,26 +154,22 @@ class _Mast:
 
     REFERENCE = 10.0    # m/s
 
-    def __init__(self, mast: Mast) -> None:
+    def __init__(self, mast: Mast, air: NDArray) -> None:
         self._mast = mast
         self._omega = 2.0 * math.pi * mast.frequency
         self._lean = np.radians(mast.lean_deg)
-        self._tilt = self._rate = np.zeros(2)
-
-    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
         self._tilt, self._rate = self._bend(air), np.zeros(2)
-        return self._kinematics(path, np.zeros(2))
 
     def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
         acceleration = self._omega**2 * (self._bend(air) - self._tilt) - 2.0 * self._mast.damping * self._omega * self._rate
         self._rate = within(self._rate + dt * acceleration, MOST_SPEED / self._mast.height)
         self._tilt = within(self._tilt + dt * self._rate, MOST_TILT)    # after the rate: an undamped mast keeps its energy
-        return self._kinematics(path, acceleration)
+        return self.kinematics(path, acceleration)
 
     def _bend(self, air: NDArray) -> NDArray:
         return within(math.radians(self._mast.bend_deg) / self.REFERENCE**2 * math.hypot(air[0], air[1]) * air[:2], MOST_TILT)
 
-    def _kinematics(self, path: Kinematics, acceleration: NDArray) -> Kinematics:
+    def kinematics(self, path: Kinematics, acceleration: NDArray) -> Kinematics:
         moved = 0.75 * self._mast.height * np.array([self._tilt, self._rate, acceleration])
         moved = np.column_stack([moved, np.zeros(3)])
         up = np.array([*np.tan(within(self._lean + self._tilt, MOST_TILT)), 1.0])
@@ -222,19 +194,17 @@ Body = Annotated[Any, {'level': Level, 'quadrotor': Quadrotor, 'mast': Mast}]
 
 @dataclass(frozen=True)
 class Vibration:
-    """Vibration of the body: an even oscillation about and along each of its axes.
+    """Vibration of the body: an even oscillation about and along each of its axes, 120 degrees apart.
 
     Parameters:
         angle_deg (deg): amplitude of the rotation about each axis.
         acceleration (m/s^2): amplitude of the acceleration along each axis.
         frequency (Hz): frequency, such as that of the rotors' turns.
-        phase (deg): phase of the first axis at time 0; the others follow by 120.
     """
 
     angle_deg: float = bounded(0.0, low=0.0, high=5.0)
     acceleration: float = bounded(0.0, low=0.0, high=100.0)
     frequency: float = bounded(70.0, low=0.1, high=100.0)
-    phase: float = field(default=0.0)
 
     def turned(self, times: NDArray) -> NDArray:
         """Rotation vectors (rad, (k, 3)) in the body's frame at times (s, (k,))."""
@@ -247,5 +217,4 @@ class Vibration:
                 self.acceleration * np.sin(phases))
 
     def _phases(self, times: NDArray) -> NDArray:
-        start = np.radians(self.phase + np.array([0.0, 120.0, 240.0]))
-        return 2.0 * math.pi * self.frequency * times[:, np.newaxis] + start
+        return 2.0 * math.pi * self.frequency * times[:, np.newaxis] + np.radians([0.0, 120.0, 240.0])
