@@ -111,10 +111,10 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
         image_rate (Hz): rate of the images, 0 for none.
         truth_rate (Hz): rate of the true states.
         everything: whether segmentation and thermal image are rendered.
-        renderer: kind of renderer, see `RendererFactory.make`.
+        renderer: kind of renderer, see `make_renderer`.
     """
     duration = world.scenario.duration if duration is None else duration
-    camera = world.renderer(renderer, everything=everything) if image_rate else None
+    camera = world.renderer_factory()(kind=renderer, everything=everything) if image_rate else None
     try:
         while world.time < duration - 1e-9:
             begin = world.time

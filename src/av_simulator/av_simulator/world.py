@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +16,9 @@ from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.config_files import find_config
 from av_simulator.motion.gimbal import ENCODER_SIGMA
 from av_simulator.rendering.mjcf import MOST_DRONES
-from av_simulator.rendering.render_process import RendererFactory
+from av_simulator.rendering.render_process import RendererFactory, make_renderer
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import Drone, Renderer, View
+from av_simulator.rendering.view import Drone, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
 from av_simulator.sound.medium import Medium
@@ -70,13 +71,9 @@ class World:
         """Factory of renderers for one of the rig's cameras, which may be used in another process."""
         seen_by = self.rig.cameras[camera]
         drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
-        return RendererFactory(seen_by.model, self.scenario.scene, drones[:MOST_DRONES],
-                     tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
-                     self.scenario.weather.temperature_c, seen_by.palette if seen_by.kind == 'thermal' else '')
-
-    def renderer(self, kind: str = 'auto', everything: bool = False) -> Renderer:
-        """A renderer for this world's views, which only the calling thread may use; see `RendererFactory.make`."""
-        return self.renderer_factory().make(kind, everything)
+        return partial(make_renderer, seen_by.model, self.scenario.scene, drones[:MOST_DRONES],
+                       [_seen(obstacle) for obstacle in self.scenario.obstacles], self.seed,
+                       self.scenario.weather.temperature_c, seen_by.palette if seen_by.kind == 'thermal' else '')
 
     def solids(self) -> list[Solid]:
         """All solids of the scene that can occlude a drone."""

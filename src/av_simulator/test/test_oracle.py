@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.oracle import Oracle, Solids
-from av_simulator.rendering.render_process import RendererFactory
+from av_simulator.rendering.render_process import make_renderer
 from av_simulator.rendering.scenes import Field, Solid
 from av_simulator.rendering.view import Drone, View
 
@@ -60,6 +58,6 @@ def test_a_thermal_camera_needs_no_light():
     noon, light = (Oracle(camera, []).boxes(view)[0].score for view in views)
     heat = Oracle(camera, [], thermal=True).boxes(views[1])[0].score
     assert heat == pytest.approx(noon, rel=0.01) and light < 0.7 * noon
-    factory = RendererFactory(camera, Field(), ((0.5, 4),), (), 1, 15.0)
-    flat = [each.make('flat').render(views[1]).boxes[0].score for each in (factory, replace(factory, palette='white_hot'))]
+    flat = [make_renderer(camera, Field(), ((0.5, 4),), (), 1, 15.0, palette, 'flat').render(views[1]).boxes[0].score
+            for palette in ('', 'white_hot')]
     assert flat == [light, heat]

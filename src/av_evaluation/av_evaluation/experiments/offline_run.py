@@ -68,7 +68,7 @@ class OfflineRun:
         if ego_noise is not None:
             self.log.notes['ego-noise'] = f'known from {EGO_NOISE_S:.0f} s of the rig alone'
         self._pointing = PointingStage(pointing) if pointing is not None else None
-        self._renderer = self.world.renderer() if detection is not None else None
+        self._renderer = self.world.renderer_factory()() if detection is not None else None
         self._oracle = Oracle(rig.camera.model, self.world.solids(), rig.camera.kind == 'thermal')
         self._duration = scenario.duration
         self._comparison = TrackComparison() if len(scenario.targets) > 1 else None

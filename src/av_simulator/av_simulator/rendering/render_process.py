@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
@@ -30,11 +30,14 @@ JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 log = logging.getLogger('simulator')
 
 RENDERERS = ('auto', 'scene', 'flat')
+RendererFactory = Callable[..., Renderer]    # `make_renderer` but for `kind` and `everything`
 
 
-@dataclass(frozen=True)
-class RendererFactory:
-    """Creates renderers for one camera in one scene.
+def make_renderer(camera: PinholeCamera, scene: Scene, drones: Sequence[tuple[float, int]], obstacles: Sequence[Solid],
+                  seed: int, air_c: float, palette: str = '', kind: str = 'auto', everything: bool = False) -> Renderer:
+    """A new renderer for one camera in one scene, which only the calling thread may use.
+
+    Raises ValueError for an unknown kind, RuntimeError if `scene` does not work on this machine.
 
     Parameters:
         camera: pinhole model of the camera.
@@ -44,36 +47,19 @@ class RendererFactory:
         seed: seed of all random properties of the scene.
         air_c (deg C): temperature of the air, for thermal images.
         palette: of a thermal camera, see `ThermalCamera`; empty for a visible one.
+        kind: `scene` (3D, MuJoCo), `flat` (OpenCV, without OpenGL), or `auto` (`scene` if it works, else `flat`).
+        everything: whether segmentation and temperatures are rendered for every view.
     """
-
-    camera: PinholeCamera
-    scene: Scene
-    drones: tuple[tuple[float, int], ...]
-    obstacles: tuple[Solid, ...]
-    seed: int
-    air_c: float
-    palette: str = ''
-
-    def make(self, kind: str = 'auto', everything: bool = False) -> Renderer:
-        """A new renderer, which only the calling thread may use.
-
-        Raises ValueError for an unknown kind, RuntimeError if `scene` does not work on this machine.
-
-        Parameters:
-            kind: `scene` (3D, MuJoCo), `flat` (OpenCV, without OpenGL), or `auto` (`scene` if it works, else `flat`).
-            everything: whether segmentation and temperatures are rendered for every view.
-        """
-        if kind not in RENDERERS:
-            raise ValueError(f'renderer: {kind!r}, expected one of {", ".join(RENDERERS)}')
-        if kind != 'flat':
-            try:
-                return SceneRenderer(self.camera, self.scene, list(self.drones), self.seed, list(self.obstacles),
-                                     self.air_c, everything, self.palette)
-            except RuntimeError as error:
-                if kind == 'scene':
-                    raise
-                log.warning('using flat images instead of the 3D scene: %s', error)
-        return FlatRenderer(self.camera, self.scene, self.seed, self.obstacles, thermal=bool(self.palette))
+    if kind not in RENDERERS:
+        raise ValueError(f'renderer: {kind!r}, expected one of {", ".join(RENDERERS)}')
+    if kind != 'flat':
+        try:
+            return SceneRenderer(camera, scene, drones, seed, obstacles, air_c, everything, palette)
+        except RuntimeError as error:
+            if kind == 'scene':
+                raise
+            log.warning('using flat images instead of the 3D scene: %s', error)
+    return FlatRenderer(camera, scene, seed, obstacles, thermal=bool(palette))
 
 
 @dataclass(frozen=True)
@@ -98,7 +84,7 @@ class RenderProcess:
 
     Parameters:
         factory: creates the renderer in that process.
-        kind: kind of renderer, see `RendererFactory.make`.
+        kind: kind of renderer, see `make_renderer`.
         first: view for the warm-up of the renderer, whose frame is discarded.
         depth: whether every frame includes depth.
     """
@@ -201,7 +187,7 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, first: Vi
     cv2.setNumThreads(1)
     os.environ.setdefault('LP_NUM_THREADS', '0')
     try:
-        renderer = factory.make(kind)
+        renderer = factory(kind=kind)
         if renderer.render(first).depth is None and depth:
             raise RuntimeError('camera: depth requires the renderer `scene`')
         connection.send(None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from types import ModuleType
@@ -58,14 +59,14 @@ class SceneRenderer:
         palette: of a thermal camera, see `ThermalCamera`; empty for a visible one.
     """
 
-    def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
-                 obstacles: list[Solid] | None = None, air_c: float = 15.0, everything: bool = False, palette: str = ''):
+    def __init__(self, camera: PinholeCamera, scene: Scene, drones: Sequence[tuple[float, int]], seed: int,
+                 obstacles: Sequence[Solid] = (), air_c: float = 15.0, everything: bool = False, palette: str = ''):
         self._mujoco = _import_mujoco()
         self._camera, self._everything, self._air_c = camera, everything, air_c
         self._thermal_camera = ThermalCamera(camera.width, camera.height, palette, seed) if palette else None
         self._effects = CameraEffects(camera.width, camera.height, seed)
         self._lens = _Lens(camera)
-        solids = [*scene.solids(np.random.default_rng([seed, 11])), *(obstacles or [])]
+        solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
         xml, assets = build(solids, scene.ground, scene.sky, drones, self._lens.size, self._lens.fovy_deg, seed)
         mujoco = self._mujoco
         self._model = mujoco.MjModel.from_xml_string(xml, assets)
