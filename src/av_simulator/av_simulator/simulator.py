@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +36,6 @@ from av_simulator.world import World
 log = logging.getLogger('simulator')
 
 
-class Clock(Protocol):
-    """Source of time of a simulator: the module `time`, or a simulated clock in tests."""
-
-    def monotonic(self) -> float:
-        """Monotonic time (s)."""
-
-    def time(self) -> float:
-        """Unix time (s)."""
-
-    def sleep(self, seconds: float, /) -> None:
-        """Wait for a number of seconds."""
-
-
 @dataclass(frozen=True)
 class WireOptions:
     """Addresses, rates and formats of the datagrams.
@@ -62,7 +50,7 @@ class WireOptions:
         audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
         image_rate (Hz): rate of images, 0 for none.
         depth: whether the depth of every image is sent to the next port.
-        renderer: kind of renderer, see `RendererFactory.make`.
+        renderer: kind of renderer, see `make_renderer`.
     """
 
     host: str = '127.0.0.1'
@@ -73,36 +61,6 @@ class WireOptions:
     image_rate: float = 15.0
     depth: bool = False
     renderer: str = 'auto'
-
-
-@dataclass
-class SimulatorCounts:
-    """Counts of sent and received data, and of errors.
-
-    Parameters:
-        audio_frames, images: data sent.
-        images_skipped: images omitted for lack of time.
-        commands: commands received.
-        old_commands: commands and poses that came after newer ones.
-        malformed_commands: invalid datagrams on the control port.
-        refused_commands: datagrams on the control port of senders that are not allowed.
-        late_blocks: audio blocks later than LATE.
-        resynchronised: shifts of the schedule.
-        unsent: datagrams that the operating system refused.
-        lost_on_purpose: datagrams omitted by `faults.lost_datagrams`.
-    """
-
-    audio_frames: int = 0
-    images: int = 0
-    images_skipped: int = 0
-    commands: int = 0
-    old_commands: int = 0
-    malformed_commands: int = 0
-    refused_commands: int = 0
-    late_blocks: int = 0
-    resynchronised: int = 0
-    unsent: int = 0
-    lost_on_purpose: int = 0
 
 
 class Newest:
@@ -127,19 +85,22 @@ class Newest:
 class Simulator:
     """Runs a world in real time. `run` returns after the duration or when any thread calls `stop`.
 
+    Attributes:
+        counts: numbers of what was sent, received and omitted.
+
     Parameters:
         world: the simulated world.
         options: addresses, rates and formats.
-        clock: source of time.
+        clock: source of time, which has `monotonic`, `time` and `sleep` as the module `time`.
         send: function of a datagram and its address (host, port); None for a UDP socket.
     """
 
     LATE = 0.1         # s, delay from which a block counts as late
     MOST_LATE = 1.0    # s, delay after which the schedule is shifted, or what is missed left out where others share the world
 
-    def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
+    def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Any = time,
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
-        self.world, self.options, self.counts = world, options, SimulatorCounts()
+        self.world, self.options, self.counts = world, options, Counter[str]()
         self._layout = AudioFormat(channels=world.rig.array.geometry.channels, sample_rate=world.sample_rate)
         self._host = resolve('host', options.host)
         address = options.bind_address or address_towards(self._host)
@@ -265,27 +226,27 @@ class Simulator:
     def _watch_lag(self, moment: float) -> None:
         lag = self._lag(moment)
         if lag > self.LATE:
-            self.counts.late_blocks += 1
-            if self.counts.late_blocks == 1:
+            self.counts['late_blocks'] += 1
+            if self.counts['late_blocks'] == 1:
                 log.warning('%.0f ms behind real time at %.1f s', 1e3 * lag, moment)
         if lag > self.MOST_LATE and self._begin is None:
             self._start += lag
             self._start_ms += round(1e3 * lag)
-            self.counts.resynchronised += 1
-            if self.counts.resynchronised in (1, 10, 100, 1000):
-                log.warning('%.1f s behind real time: schedule shifted %d times so far', lag, self.counts.resynchronised)
+            self.counts['resynchronised'] += 1
+            if self.counts['resynchronised'] in (1, 10, 100, 1000):
+                log.warning('%.1f s behind real time: schedule shifted %d times so far', lag, self.counts['resynchronised'])
 
     def _take_commands(self) -> None:
         for datagram in self._control.receive():
             try:
                 taken = self._follow(decode_truth(datagram)) if is_truth(datagram) else self._obey(decode_rig_control(datagram))
             except WireError as error:
-                self.counts.malformed_commands += 1
+                self.counts['malformed_commands'] += 1
                 log.debug('%s', error)
                 continue
-            self.counts.commands += taken
-            self.counts.old_commands += not taken
-        self.counts.refused_commands = self._control.refusals.total
+            self.counts['commands'] += taken
+            self.counts['old_commands'] += not taken
+        self.counts['refused_commands'] = self._control.refusals.total
 
     def _follow(self, pose: VehicleTruth) -> bool:
         """Whether the pose is new; the rig moves there. Raises WireError for that of another vehicle."""
@@ -308,20 +269,20 @@ class Simulator:
 
     def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
         if self._lossy.random() < self.world.scenario.faults.lost_datagrams:
-            self.counts.lost_on_purpose += 1
+            self.counts['lost_on_purpose'] += 1
             return
         try:
             self._send_to(datagram, (host or self._host, port))
         except OSError as error:
-            self.counts.unsent += 1
-            if self.counts.unsent == 1:
+            self.counts['unsent'] += 1
+            if self.counts['unsent'] == 1:
                 log.warning('cannot send to %s:%d: %s', host or self.options.host, port, error.strerror)
 
     def _send_sound(self, sound: NDArray, begin: float) -> None:
         header = AudioHeader(self._sequence, len(sound), begin) if self.options.audio_header else None
         self._send(encode_audio(self._layout, sound, header), self.options.ports.audio)
         self._sequence += 1
-        self.counts.audio_frames += len(sound)
+        self.counts['audio_frames'] += len(sound)
 
     def _send_truth(self, targets: list[VehicleState], moment: float) -> None:
         ports = self.options.ports
@@ -342,11 +303,11 @@ class Simulator:
 
     def _request_image(self, moment: float) -> None:
         if self._lag(moment) > self.LATE:    # sound has priority over images
-            self.counts.images_skipped += 1
+            self.counts['images_skipped'] += 1
             return
         for camera, renderer in self._renderers.items():
             if not renderer.request(self.world.view(round(moment * self.options.image_rate), moment, camera)):
-                self.counts.images_skipped += 1
+                self.counts['images_skipped'] += 1
 
     def _send_images(self, camera: str, frames: list[CameraFrame]) -> None:
         port = self.options.ports.image if camera == 'camera' else self.options.ports.second_image
@@ -355,4 +316,4 @@ class Simulator:
                 for datagram in encode_image(EncodedImage(frame.view.time, data)):
                     self._send(datagram, receiver)
             self._send(encode_oracle(frame.boxes), port)
-            self.counts.images += 1
+            self.counts['images'] += 1

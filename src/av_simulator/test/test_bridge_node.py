@@ -96,7 +96,7 @@ def test_everything_is_published(rig):
     assert counts['audio/frames'] >= 20
     assert counts['odometry'] == counts['truth/rig'] >= 380
     assert counts['truth/target'] >= 380 and counts['truth/target_3'] >= 380 and counts['imu'] >= 300
-    assert counts['detections'] >= 0.9 * (rig.sent.images - int(rig.told['image camera undated']))
+    assert counts['detections'] >= 0.9 * (rig.sent['images'] - int(rig.told['image camera undated']))
     sound = rig.fed['audio/frames']
     assert {(message.sample_rate, message.channels) for message in sound} == {(48_000, 2)}
     assert sum(len(message.samples) for message in sound) == 2 * rig.sent.audio_frames

@@ -170,9 +170,9 @@ def streams(request):
 
 def test_everything_sent_is_received(streams):
     simulator, listener = streams
-    assert simulator.counts.unsent == simulator.counts.late_blocks == simulator.counts.images_skipped == 0
-    assert listener.ring.available == simulator.counts.audio_frames == DURATION * 48_000
-    assert len(listener.images) == len(listener.boxes) == simulator.counts.images
+    assert simulator.counts['unsent'] == simulator.counts['late_blocks'] == simulator.counts['images_skipped'] == 0
+    assert listener.ring.available == simulator.counts['audio_frames'] == DURATION * 48_000
+    assert len(listener.images) == len(listener.boxes) == simulator.counts['images']
     assert len(listener.states) == 2 * DURATION * 100
 
 
@@ -253,7 +253,7 @@ def test_who_begins_late_or_falls_behind_is_in_the_same_world(started, slow, sto
     expected = np.interp(second[:, 0], first[:, 0], first[:, 2])
     assert np.ptp(expected) > 10.0 and np.sum(np.abs(second[:, 2] - expected) > 4.0 * 0.15) <= 4 * bool(stopped)
     assert abs(second[-1, 0] - first[-1, 0]) < 0.05
-    assert second[0, 0] < max(started, 2.0) + 1.0 and not simulator.counts.resynchronised
+    assert second[0, 0] < max(started, 2.0) + 1.0 and not simulator.counts['resynchronised']
     # What was left out is missing in the numbers of the sound, too.
     assert max(abs((header.time - headers[0].time) - (header.sequence - headers[0].sequence) / 30) for header in headers) < 0.02
 
@@ -321,7 +321,7 @@ def test_unix_time_is_told_after_the_schedule_was_shifted():
     simulator = Simulator(World(SCENARIO, load_rig(find_config('rig'))), options, clock, send)
     simulator.run(4.0)
     simulator.close()
-    assert simulator.counts.resynchronised == 1 and len(synced) == 4
+    assert simulator.counts['resynchronised'] == 1 and len(synced) == 4
     assert max(abs(now - 1e-3 * sync.now_ms) for now, sync in synced) < 0.01
     assert [sync.now_ms - sync.start_ms for _, sync in synced] == [1000, 2000, 3000, 4000]
 
@@ -382,7 +382,7 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
     assert rates.max() == pytest.approx(30.0, abs=0.1)
     assert rates[-1] == 0.0
     assert np.abs(np.diff(rates)).max() <= 120.0 * 0.01 + 0.1      # acceleration limit at 100 states a second
-    assert simulator.counts.commands == simulator.counts.malformed_commands == 20
+    assert simulator.counts['commands'] == simulator.counts['malformed_commands'] == 20
 
 
 def test_a_command_turns_the_gimbal_and_the_images_with_it():
@@ -438,7 +438,7 @@ def test_commands_and_poses_that_come_late_or_again_and_those_of_other_vehicles_
             control.sendto(datagram, ('127.0.0.1', port))
         simulator._take_commands()
         simulator.world.advance(1600)
-        return counts.commands, counts.old_commands, counts.malformed_commands
+        return counts['commands'], counts['old_commands'], counts['malformed_commands']
 
     def turn(number, rate):
         return encode_rig_control(RigControl(number, 1, yaw_rate=rate))
@@ -470,7 +470,7 @@ def test_commands_of_another_program_are_refused_unless_it_is_allowed(allowed, o
                     stranger.sendto(datagram, ('127.0.0.1', options.ports.control))
 
         simulator, listener = run(options, dataclasses.replace(SCENARIO, duration=2.0), at=command)
-    assert (simulator.counts.commands, simulator.counts.refused_commands) == (obeyed, 20 - obeyed)
+    assert (simulator.counts['commands'], simulator.counts['refused_commands']) == (obeyed, 20 - obeyed)
     states = [state for number, state, _ in listener.states if number == 1]
     moved = np.linalg.norm(states[-1].position - states[0].position) + np.abs(states[-1].rotation - states[0].rotation).max()
     assert (moved > 0.1) == bool(obeyed)
@@ -489,7 +489,7 @@ def test_only_the_bridges_host_steers_a_simulator_on_another_one():
                 source.sendto(encode_rig_control(RigControl(1, 1, yaw_rate=0.5)), (RIG, options.ports.control))
         simulator.run(0.2)
         simulator.close()
-    assert (simulator.counts.commands, simulator.counts.refused_commands) == (3, 6)
+    assert (simulator.counts['commands'], simulator.counts['refused_commands']) == (3, 6)
     assert simulator._control.refusals.counts() == {OTHER: 3, STRANGER: 3}
 
 
@@ -506,7 +506,7 @@ def test_a_flood_on_the_control_port_does_not_stop_the_simulation():
     simulator, _ = run(options, dataclasses.replace(SCENARIO, duration=1.0))
     flooding = False
     thread.join()
-    assert simulator.world.time == 1.0 and simulator.counts.refused_commands > 0
+    assert simulator.world.time == 1.0 and simulator.counts['refused_commands'] > 0
 
 
 @pytest.mark.parametrize(('options', 'complaint'), [
@@ -540,8 +540,8 @@ def test_garbage_on_every_port_is_counted_and_harms_nothing():
     listener.stop()
     late = {name: counts.refused for name, counts in listener.clock.counts.items()}
     assert min(receiver.foreign.total + receiver.malformed for receiver in listener.receivers.values()) > 20
-    assert listener.ring.available == simulator.counts.audio_frames
-    assert len(listener.images) <= simulator.counts.images <= len(listener.images) + late['image']
+    assert listener.ring.available == simulator.counts['audio_frames']
+    assert len(listener.images) <= simulator.counts['images'] <= len(listener.images) + late['image']
     assert len(listener.states) + late['truth'] == 400
 
 

@@ -47,5 +47,5 @@ def test_a_stream_arrives_as_it_was_sent():
     simulator.close()
     listener.stop()
     assert wrong == 0
-    assert heard == simulator.counts.audio_frames == SECONDS * 48_000
+    assert heard == simulator.counts['audio_frames'] == SECONDS * 48_000
     assert listener.audio.decoder.counts.lost == 0 and listener.ring.overwritten == 0

@@ -6,7 +6,6 @@ import argparse
 import logging
 import signal
 import sys
-from dataclasses import asdict
 
 from av_common.arguments import not_negative, positive
 from av_common.launched import report_started
@@ -66,8 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     finally:
         simulator.close()
-    counts = [f'{count} {name.replace("_", " ")}' for name, count in asdict(simulator.counts).items() if count]
-    log.info('%.1f s simulated; %.1f images a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
+    counts = [f'{count} {name.replace("_", " ")}' for name, count in simulator.counts.items() if count]
+    log.info('%.1f s simulated; %.1f images a second; %s', world.time, simulator.counts['images'] / max(world.time, 1e-9),
              ', '.join(counts))
     return 0
 
