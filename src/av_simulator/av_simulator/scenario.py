@@ -222,11 +222,9 @@ class Scenario:
     def __post_init__(self) -> None:
         if not self.targets:
             raise ValueError('targets: none, expected at least one')
-        snr, pursuit = self.noise.snr, self.rig.pursuit
-        for key, index in (('noise.snr.source', snr.source if snr else None),
-                           ('rig.pursuit.target', pursuit.target if pursuit else None)):
-            if index is not None and index >= len(self.targets):
-                raise ValueError(f'{key}: {index}, expected less than the {len(self.targets)} targets')
+        pursuit = self.rig.pursuit
+        if pursuit is not None and pursuit.target >= len(self.targets):
+            raise ValueError(f'rig.pursuit.target: {pursuit.target}, expected less than the {len(self.targets)} targets')
         _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)

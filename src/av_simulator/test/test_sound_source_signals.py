@@ -60,7 +60,7 @@ def test_reading_order_does_not_matter():
 def test_recording_of_any_rate_keeps_its_frequency_and_level(tmp_path, rate, suffix):
     file = tmp_path / f'tone.{suffix}'
     soundfile.write(file, np.stack([0.1 * np.sin(2 * np.pi * 1000 * np.arange(rate) / rate), np.zeros(rate)], axis=1), rate)
-    samples = RecordedSignal(file, level_db_spl=80.0, channel=0).stream(RATE, [0], nowhere).read(-RATE // 2, RATE // 2)
+    samples = RecordedSignal(file, level_db_spl=80.0).stream(RATE, [0], nowhere).read(-RATE // 2, RATE // 2)
     assert np.argmax(np.abs(np.fft.rfft(samples))) == pytest.approx(1000, abs=1)
     assert spl(samples) == pytest.approx(80.0, abs=0.3)
 

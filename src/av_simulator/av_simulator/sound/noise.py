@@ -21,18 +21,16 @@ _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)  # 100 Hz to 5 kHz
 
 @dataclass(frozen=True)
 class Snr:
-    """Signal-to-noise ratio of one source and all noise at one microphone.
+    """Signal-to-noise ratio of the first source and all noise at one microphone.
 
     Parameters:
         ratio_db (dB): ratio of the powers in the band.
         distance_m (m): distance of the source in the free field to which the ratio refers.
-        source: index of the source.
         band_hz (Hz): lower and upper end of the band.
     """
 
     ratio_db: float = bounded(low=-200.0, high=200.0)
     distance_m: float = bounded(10.0, above=0.0)
-    source: int = bounded(0, low=0, high=99)
     band_hz: tuple[float, float] = bounded((200.0, 4000.0), above=0.0, high=1e6)
 
 

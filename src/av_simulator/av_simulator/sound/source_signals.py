@@ -68,17 +68,15 @@ class ToneSignal:
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """A sound file of libsndfile's formats, of any rate, repeated with cross-fades. Raises FileNotFoundError or ValueError.
+    """The mean of a sound file's channels, of any rate, repeated with cross-fades. Raises FileNotFoundError or ValueError.
 
     Parameters:
-        file: path of the file.
+        file: path of the file, of libsndfile's formats.
         level_db_spl (dB SPL): mean level of the whole file at 1 m.
-        channel: index of the channel, None for the mean of all channels.
     """
 
     file: str | Path
     level_db_spl: float = bounded(74.0, low=-100.0, high=200.0)
-    channel: int | None = None
 
     def __post_init__(self) -> None:
         open_sound(self.file).close()
@@ -90,12 +88,8 @@ class RecordedSignal:
 
     def _load(self, sample_rate: int) -> NDArray:
         recorded, rate = read_sound(self.file)
-        if self.channel is not None and not 0 <= self.channel < recorded.shape[1]:
-            raise ValueError(f'recording: channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
-                             f'{recorded.shape[1] - 1}')
-        mono = recorded.mean(axis=1) if self.channel is None else recorded[:, self.channel]
         ratio = Fraction(sample_rate / rate).limit_denominator(1000)
-        samples = resample_poly(mono, ratio.numerator, ratio.denominator)
+        samples = resample_poly(recorded.mean(axis=1), ratio.numerator, ratio.denominator)
         rms = np.sqrt(np.mean(samples**2))
         if not 0.0 < rms < np.inf:
             raise ValueError(f'recording: {str(self.file)!r} is silent, or has samples that are not finite')

@@ -102,10 +102,10 @@ class SoundWorld:
         snr = self._noise.snr
         if snr is None:
             return 0.0
-        if not 0 <= snr.source < len(self._sources):
-            raise ValueError(f'snr source is {snr.source}, expected 0 to {len(self._sources) - 1}')
-        power = band_power(self._signals[snr.source], self._rate, snr.band_hz)
+        if not self._sources:
+            raise ValueError('snr is given without a source')
+        power = band_power(self._signals[0], self._rate, snr.band_hz)
         if power == 0.0:
-            raise ValueError(f'snr source is {snr.source}, which is silent from {snr.band_hz[0]:g} to {snr.band_hz[1]:g} Hz in '
-                             'its first seconds; omit snr and set the levels of the noise in dB SPL')
-        return power * (db_to_ratio(self._sources[snr.source].gain_db) / snr.distance_m) ** 2
+            raise ValueError(f'snr source is 0, which is silent from {snr.band_hz[0]:g} to {snr.band_hz[1]:g} Hz in its first '
+                             'seconds; omit snr and set the levels of the noise in dB SPL')
+        return power * (db_to_ratio(self._sources[0].gain_db) / snr.distance_m) ** 2
