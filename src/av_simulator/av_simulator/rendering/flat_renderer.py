@@ -8,22 +8,20 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from av_common.camera import PinholeCamera
-from av_simulator.rendering.camera_effects import AIRLIGHT
+from av_simulator.rendering.camera_effects import AIRLIGHT, CameraEffects
 from av_simulator.rendering.oracle import Oracle
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import Drone, RenderedImage, View, rotor_hubs
 
 # Colours are blue, green, red from 0 to 255.
-_ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
-_GROUND = np.array([60.0, 95.0, 85.0])  # blue, green, red
+_ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0], np.float32), np.array([225.0, 215.0, 205.0], np.float32)
+_GROUND = np.array([60.0, 95.0, 85.0], np.float32)
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
 _SKY_DISTANCE = 1500.0  # m, length of the path through fog to the sky
 _COARSE = 2            # sky and ground are smooth and therefore drawn at half the resolution
-_NOISE = 2.5           # grey levels, standard deviation of the sensor noise
-_NOISES = 8            # number of noise images, which are used in turn
+_NEAREST = 0.1         # m, depth below which nothing is drawn
 _SUBPIXEL = 4          # fractional bits of OpenCV's coordinates
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
@@ -34,41 +32,42 @@ class FlatRenderer:
     Parameters:
         camera: pinhole model of the camera.
         scene: solids, ground and sky.
-        seed: seed of scene, texture and noise.
+        seed: seed of scene and noise.
         obstacles: solids in addition to those of the scene.
         thermal: whether the oracle's camera sees heat; the images are those of light.
     """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (), thermal: bool = False):
         self._camera = camera
-        random = np.random.default_rng([seed, 11])
         width, height = camera.width // _COARSE, camera.height // _COARSE
         columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-        pixels = np.column_stack([columns.ravel(), rows.ravel()])
-        self._rays = camera.scaled(width, height).rays(pixels).astype(np.float32)
-        self._shape = (height, width)
-        self._texture = gaussian_filter(random.normal(0.0, 30.0, (256, 256)), 1.5, mode='wrap').astype(np.float32)
-        self._noise = np.clip(random.normal(128.0, _NOISE, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
-            .astype(np.uint8).repeat(3, axis=3)
+        rays = camera.scaled(width, height).rays(np.column_stack([columns.ravel(), rows.ravel()]))
+        self._rays = rays.astype(np.float32).reshape(height, width, 3)
         self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
         self._oracle = Oracle(camera, self._solids, thermal)
-        self._places = np.array([solid.centre for solid in self._solids]).reshape(-1, 3)
+        self._corners = np.array([_corners(solid) for solid in self._solids]).reshape(-1, len(_CORNERS), 3)
+        self._effects = CameraEffects(camera.width, camera.height, seed)
 
     def render(self, view: View) -> RenderedImage:
         """The image of one view, with the oracle's boxes."""
         bgr = self._background(view)
-        solids = self._visible(view)
-        drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
-        things: list[tuple[float, Solid | Drone]] = [*solids, *drones]
+        optical = view.to_optical(self._corners)
+        pixels = self._camera.project(optical).reshape(*optical.shape[:2], 2)
+        inside = ((pixels.max(axis=1) > 0.0) & (pixels.min(axis=1) < (self._camera.width, self._camera.height))).all(axis=1)
+        inside &= optical[..., 2].min(axis=1) > _NEAREST
+        distances = np.linalg.norm(optical.mean(axis=1), axis=1)
+        things: list[tuple[float, int | Drone]] = [(float(distances[n]), int(n)) for n in np.flatnonzero(inside)]
+        things += [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
         for distance, thing in sorted(things, key=lambda item: -item[0]):
             clear = float(np.exp(-view.atmosphere.fog * distance))
             if isinstance(thing, Drone):
                 self._draw_drone(bgr, view, thing, _fogged(_DRONE, clear), _fogged(_ROTOR, clear))
             else:
-                self._draw_solid(bgr, view, thing, _fogged(255.0 * np.array(thing.colour[::-1]), clear))
-        bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
+                solid = self._solids[thing]
+                _draw_solid(bgr, solid.shape, pixels[thing], _fogged(255.0 * np.array(solid.colour[::-1]), clear))
         looks = [self._oracle.look(view, drone) for drone in view.drones]
-        return RenderedImage(bgr, [box for _, box in looks if box is not None], [truth for truth, _ in looks])
+        return RenderedImage(self._effects.apply(bgr, view), [box for _, box in looks if box is not None],
+                             [truth for truth, _ in looks])
 
     def close(self) -> None:
         """Do nothing: this renderer holds no resources."""
@@ -77,52 +76,19 @@ class FlatRenderer:
         upward = self._rays @ view.rotation[2].astype(np.float32)
         sky = upward > -1e-3
         distance = np.where(sky, np.float32(_SKY_DISTANCE), np.float32(view.position[2]) / np.maximum(-upward, 1e-3))
-        places = (distance[:, np.newaxis] * (self._rays @ view.rotation[:2].T.astype(np.float32))
-                  + view.position[:2].astype(np.float32)) * np.float32(8.0)
-        x, y = places.astype(np.int32).T & 255
-        clear = np.exp(-np.float32(view.atmosphere.fog) * distance)
-        grain = self._texture[y, x] * clear * np.where(sky, np.float32(0), np.float32(1))
-        blue = np.clip(upward * 2.0, 0.0, 1.0)
-        image = np.empty((len(upward), 3), np.float32)
-        for channel in range(3):
-            above = _HORIZON[channel] + (_ZENITH - _HORIZON)[channel] * blue
-            surface = np.where(sky, above, _GROUND[channel])
-            image[:, channel] = AIRLIGHT[channel] + clear * (surface - AIRLIGHT[channel]) + grain
-        coarse = np.clip(image, 0, 255).astype(np.uint8).reshape(*self._shape, 3)
-        return cv2.resize(coarse, (self._camera.width, self._camera.height), interpolation=cv2.INTER_LINEAR)
-
-    def _visible(self, view: View) -> list[tuple[float, Solid]]:
-        depth = view.to_optical(self._places)[:, 2]
-        distance = np.linalg.norm(self._places - view.position, axis=1)
-        return [(float(distance[n]), self._solids[n]) for n in np.flatnonzero(depth > 0.5 * distance)]
-
-    def _draw_solid(self, image: NDArray, view: View, solid: Solid, colour: tuple[float, ...]) -> None:
-        """Draw the outline of a solid's box; for ellipsoids and cones, an ellipse or a triangle of that size."""
-        c, s = np.cos(solid.yaw), np.sin(solid.yaw)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        corners = view.to_optical(_CORNERS * solid.half_size @ turn.T + solid.centre)
-        if (corners[:, 2] < 0.1).any():
-            return
-        pixels = self._camera.project(corners)
-        low, high = pixels.min(axis=0), pixels.max(axis=0)
-        middle = (low + high) / 2
-        if solid.shape == 'ellipsoid':
-            cv2.ellipse(image, _fixed(middle), _fixed((high - low) / 2), 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
-            return
-        if solid.shape == 'cone':
-            pixels = np.array([[low[0], high[1]], [high[0], high[1]], [middle[0], low[1]]])
-        hull = cv2.convexHull(np.array([_fixed(pixel) for pixel in pixels], np.int32))
-        cv2.fillConvexPoly(image, hull, colour, cv2.LINE_AA, _SUBPIXEL)
+        clear = np.exp(-np.float32(view.atmosphere.fog) * distance)[..., np.newaxis]
+        above = _HORIZON + (_ZENITH - _HORIZON) * np.clip(2.0 * upward, 0.0, 1.0)[..., np.newaxis]
+        seen = AIRLIGHT + clear * (np.where(sky[..., np.newaxis], above, _GROUND) - AIRLIGHT)
+        size = self._camera.width, self._camera.height
+        return cv2.resize(seen.clip(0, 255).astype(np.uint8), size, interpolation=cv2.INTER_LINEAR)
 
     def _draw_drone(self, image: NDArray, view: View, drone: Drone, colour: tuple[float, ...],
                     rotor_colour: tuple[float, ...]) -> None:
         optical = view.to_optical(np.concatenate([drone.position[np.newaxis], rotor_hubs(drone)]))
-        if (optical[:, 2] < 0.1).any():
-            return
         body, *hubs = self._camera.project(optical)
-        scale = self._camera.fx * drone.size / optical[0, 2]
-        if not (-scale < body[0] < self._camera.width + scale and -scale < body[1] < self._camera.height + scale):
+        if (optical[:, 2] < _NEAREST).any() or not np.isfinite([body, *hubs]).all():
             return
+        scale = self._camera.fx * drone.size / optical[0, 2]
         # The aspect ratio of a rotor's disc is the cosine of the angle between its axis and the line of sight.
         flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position)))
         flat /= float(np.linalg.norm(drone.position - view.position))
@@ -134,9 +100,27 @@ class FlatRenderer:
         cv2.ellipse(image, _fixed(body), axes, 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
 
 
+def _corners(solid: Solid) -> NDArray:
+    """Corners (m, (8, 3)) in ENU of the box around a solid."""
+    c, s = np.cos(solid.yaw), np.sin(solid.yaw)
+    return _CORNERS * solid.half_size @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + solid.centre
+
+
+def _draw_solid(image: NDArray, shape: str, pixels: NDArray, colour: tuple[float, ...]) -> None:
+    """Draw the outline of a solid's box (px, (8, 2)); for ellipsoids and cones, an ellipse or a triangle of that size."""
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    middle = (low + high) / 2
+    if shape == 'ellipsoid':
+        cv2.ellipse(image, _fixed(middle), _fixed((high - low) / 2), 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
+        return
+    if shape == 'cone':
+        pixels = np.array([[low[0], high[1]], [high[0], high[1]], [middle[0], low[1]]])
+    hull = cv2.convexHull(np.array([_fixed(pixel) for pixel in pixels], np.int32))
+    cv2.fillConvexPoly(image, hull, colour, cv2.LINE_AA, _SUBPIXEL)
+
+
 def _fogged(colour: NDArray, clear: float) -> tuple[float, ...]:
     """A colour behind fog of the transmission `clear`."""
-    clear = min(float(clear), 1.0)
     return tuple(float(value) for value in AIRLIGHT + clear * (colour - AIRLIGHT))
 
 
