@@ -63,25 +63,6 @@ class WireOptions:
     renderer: str = 'auto'
 
 
-class Newest:
-    """Leaves out what is older than what came before, unless nothing newer came for COMMAND_LIFETIME: a sender began anew."""
-
-    def __init__(self) -> None:
-        self._newest = self._taken = -math.inf
-
-    def takes(self, number: float, now: float) -> bool:
-        """Whether something is not older than all before.
-
-        Parameters:
-            number: number, or time (s), by the sender.
-            now (s): simulated time.
-        """
-        if number < self._newest and now - self._taken <= COMMAND_LIFETIME:
-            return False
-        self._newest, self._taken = number, now
-        return True
-
-
 class Simulator:
     """Runs a world in real time. `run` returns after the duration or when any thread calls `stop`.
 
@@ -113,7 +94,7 @@ class Simulator:
         self._start = math.nan    # s, monotonic time of the world's beginning, NaN before
         self._start_ms = 0
         self._sequence = 0
-        self._commands, self._poses = Newest(), Newest()
+        self._newest: dict[type, tuple[float, float]] = {}    # number by the sender and time (s) of arrival, by what it is
         self._lossy = np.random.default_rng([world.seed, 16])
         self._begin: float | None = None
         self._beaten = -math.inf    # s, monotonic time of the newest heartbeat
@@ -239,33 +220,36 @@ class Simulator:
     def _take_commands(self) -> None:
         for datagram in self._control.receive():
             try:
-                taken = self._follow(decode_truth(datagram)) if is_truth(datagram) else self._obey(decode_rig_control(datagram))
+                self._follow(decode_truth(datagram)) if is_truth(datagram) else self._obey(decode_rig_control(datagram))
             except WireError as error:
                 self.counts['malformed_commands'] += 1
                 log.debug('%s', error)
-                continue
-            self.counts['commands'] += taken
-            self.counts['old_commands'] += not taken
         self.counts['refused_commands'] = self._control.refusals.total
 
-    def _follow(self, pose: VehicleTruth) -> bool:
-        """Whether the pose is new; the rig moves there. Raises WireError for that of another vehicle."""
+    def _is_new(self, kind: type, number: float) -> bool:
+        """Whether a command or pose is not older than all before, or none came for COMMAND_LIFETIME: its sender began anew."""
+        newest, arrived = self._newest.get(kind, (number, 0.0))
+        new = number >= newest or self.world.time - arrived > COMMAND_LIFETIME
+        if new:
+            self._newest[kind] = number, self.world.time
+        self.counts['commands' if new else 'old_commands'] += 1
+        return new
+
+    def _follow(self, pose: VehicleTruth) -> None:
+        """Move the rig to a pose that is new. Raises WireError for that of another vehicle."""
         if pose.copter_id != RIG:
             raise WireError(f'control port: pose of vehicle {pose.copter_id}, expected {RIG}')
-        if not self._poses.takes(pose.time, self.world.time):
-            return False
-        self.world.dynamics.follow(from_truth(pose))
-        return True
+        if self._is_new(VehicleTruth, pose.time):
+            self.world.dynamics.follow(from_truth(pose))
 
-    def _obey(self, command: RigControl) -> bool:
-        """Whether the command is new; it is executed."""
-        if not self._commands.takes(command.sequence, self.world.time):
-            return False
+    def _obey(self, command: RigControl) -> None:
+        """Execute a command that is new."""
+        if not self._is_new(RigControl, command.sequence):
+            return
         if command.yaw_rate is not None:
             self.world.dynamics.command(command.yaw_rate, self.world.time)
         if command.pan is not None and command.tilt is not None:
             self.world.dynamics.look(command.pan, command.tilt, self.world.time)
-        return True
 
     def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
         if self._lossy.random() < self.world.scenario.faults.lost_datagrams:

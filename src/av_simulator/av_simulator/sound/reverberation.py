@@ -154,22 +154,22 @@ class Answer:
             key: seed.
         """
         random = np.random.default_rng([*key, 2])
-        answers: list[Answer] = []
+        found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
         pairs = np.ones(1, int)
-        while len(answers) < pairs.max():
-            ways = [[*key, 2 * len(answers) + way] for way in range(2)]
+        while (number := len(found)) < pairs.max():
+            ways = [[*key, 2 * number + way] for way in range(2)]
             both = np.stack([impulse_response(zone, sample_rate, medium, layout, way) for way in ways], axis=1)
             parts = -(-both.shape[2] // block)
             answer = cls.cut(both, block, random.standard_normal((parts, 3 * (1 + len(layout)))) / _ALIKE_M,
                              random.uniform(0.0, 2.0 * np.pi, parts))
-            if not answers:
+            if not found:
                 energy = np.sum(np.abs(answer.spectra) ** 2, axis=(0, 2, 3))
                 pairs = 1 + np.round(_FURTHER_PAIRS * energy / energy.sum()).astype(int)
-            answers.append(answer.reduced(pairs > len(answers), pairs))
-        return cls(np.concatenate([answer.spectra for answer in answers], axis=1),
-                   np.concatenate([answer.parts for answer in answers]),
-                   np.concatenate([answer.turns for answer in answers]),
-                   np.concatenate([answer.phases for answer in answers]), block)
+            kept = pairs > number
+            scale = np.sqrt(1.0 / pairs[kept]).astype(np.float32)[:, None, None]    # of one of a number of pairs
+            found.append((answer.spectra[:, kept] * scale, answer.parts[kept], answer.turns[kept], answer.phases[kept]))
+        spectra, of_parts, turns, phases = zip(*found, strict=True)
+        return cls(np.concatenate(spectra, axis=1), np.concatenate(of_parts), np.concatenate(turns), np.concatenate(phases), block)
 
     @classmethod
     def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
@@ -177,16 +177,6 @@ class Answer:
         padded = np.pad(both, ((0, 0), (0, 0), (0, len(turns) * block - both.shape[2])))
         parts = np.moveaxis(padded.reshape(*both.shape[:2], len(turns), block), 1, 2)
         return cls(rfft(parts, 4 * block).astype(np.complex64), np.arange(len(turns)), turns, phases, block)
-
-    def reduced(self, kept: NDArray[np.bool_], pairs: NDArray[np.int_]) -> Answer:
-        """The parts that are kept, scaled as one of a number of pairs each.
-
-        Parameters:
-            kept (parts,): which parts are kept.
-            pairs (parts,): number of pairs of each part.
-        """
-        scale = np.sqrt(1.0 / pairs[kept]).astype(np.float32)[:, None, None]
-        return Answer(self.spectra[:, kept] * scale, self.parts[kept], self.turns[kept], self.phases[kept], self.block)
 
     def shares(self, place: NDArray) -> NDArray[np.float32]:
         """Weights (pairs, 2) of both responses at a place (m, (d,)); the squares of each pair sum to 1."""
