@@ -17,7 +17,7 @@ from av_sim_bridge.vehicle import VehicleState
 from av_simulator.motion.bodies import MOST_SPEED, Kinematics
 from av_simulator.motion.gimbal import SimulatedGimbal
 from av_simulator.motion.gusts import Gusts
-from av_simulator.motion.pursuit import Pursuit, PursuitPath
+from av_simulator.motion.pursuit import Pursuit
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 from av_simulator.scenario import RigMotion
 from av_simulator.sound.noise import Wind
@@ -99,7 +99,7 @@ class RigDynamics:
                                         motion.yaw_dead_time, motion.yaw_lag),
                             math.radians(motion.yaw_deg), math.radians(motion.yaw_rate_deg))
         self._wind = Gusts(wind.velocity if wind else (0.0, 0.0, 0.0), wind.gusts if wind else 0.0, [seed, 17])
-        self._pursuit: PursuitPath | None = None
+        self._pursued: Kinematics | None = None
         self._followed: VehicleState | None = None
         self.gimbal = None if gimbal is None else SimulatedGimbal(gimbal)
         begin = self._path(np.zeros(1))[0]
@@ -138,7 +138,7 @@ class RigDynamics:
         states, headings = [self._now], [self._heading]
         for dt, time, path in zip(np.diff(times).tolist(), times[1:].tolist(), self._path(times[1:]), strict=True):
             pursuit = self._settings.pursuit
-            wanted = path if pursuit is None or time < pursuit.begin else self._pursued(pursuit, dt, time)
+            wanted = path if pursuit is None or time < pursuit.begin else self._behind_target(pursuit, dt, time)
             states.append(self._body(dt, wanted, self._air(dt, states[-1])))
             headings.append(self._yaw.step(dt, time))
         self._now, self._heading = states[-1], headings[-1]
@@ -149,11 +149,10 @@ class RigDynamics:
         path = self._settings.trajectory
         return [Kinematics(*row) for row in zip(path(times), velocity(path, times), acceleration(path, times), strict=True)]
 
-    def _pursued(self, pursuit: Pursuit, dt: float, time: float) -> Kinematics:
+    def _behind_target(self, pursuit: Pursuit, dt: float, time: float) -> Kinematics:
         """Where a pursuit leads at a time (s), `dt` (s) after the step before."""
-        if self._pursuit is None:
-            self._pursuit = PursuitPath(pursuit, self._targets[pursuit.target], self._now)
-        return self._pursuit.step(dt, time)
+        self._pursued = pursuit.path(self._targets[pursuit.target], self._pursued or self._now, dt, time)
+        return self._pursued
 
     def _air(self, dt: float, state: Kinematics) -> NDArray:
         return self._wind.step(dt, float(state.position[2]), state.velocity)

@@ -112,14 +112,14 @@ class _Quadrotor:
 
     def _tilt(self, dt: float, wanted: NDArray) -> None:
         """Turn the thrust towards a direction ((3,))."""
-        axis = cross(self.up, wanted)
+        axis = np.cross(self.up, wanted)
         sine = math.hypot(*axis)
         rate = np.zeros(3)
         if sine > 1e-12:
             angle = math.atan2(sine, float(self.up @ wanted))
             rate = min(angle / self._body.attitude_lag, self.MOST_RATE) / sine * axis
         self._rate = self._rate + (1.0 - math.exp(-dt / self.RATE_LAG)) * (rate - self._rate)
-        up = self.up + dt * cross(self._rate, self.up)
+        up = self.up + dt * np.cross(self._rate, self.up)
         self.up = up / math.hypot(*up)
 
 
@@ -175,13 +175,6 @@ class _Mast:
         up = np.array([*np.tan(within(self._lean + self._tilt, MOST_TILT)), 1.0])
         return Kinematics(path.position + moved[0], path.velocity + moved[1], path.acceleration + moved[2],
                           up / np.linalg.norm(up))
-
-
-def cross(a: NDArray, b: NDArray) -> NDArray:
-    """The cross product of two vectors, without the overhead of that for arrays."""
-    ax, ay, az = a.tolist()
-    bx, by, bz = b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def within(vector: NDArray, most: float) -> NDArray:

@@ -35,28 +35,20 @@ class Pursuit:
     max_acceleration: float = bounded(4.0, above=0.0, high=50.0)
     begin: float = bounded(0.0, low=0.0)
 
+    def path(self, target: Position, now: Kinematics, dt: float, time: float) -> Kinematics:
+        """Where the rig shall be.
 
-class PursuitPath:
-    """The path of a pursuit, step by step.
-
-    Parameters:
-        pursuit: its settings.
-        target: trajectory of the target.
-        start: where the path begins.
-    """
-
-    def __init__(self, pursuit: Pursuit, target: Position, start: Kinematics) -> None:
-        self._settings, self._target, self._now = pursuit, target, start
-
-    def step(self, dt: float, time: float) -> Kinematics:
-        """Where the rig shall be at `time` (s), `dt` (s) after the step before."""
-        settings, now = self._settings, self._now
-        target, ahead = self._target(np.array([time]))[0], velocity(self._target, time)[0]
-        away = now.position[:2] - target[:2]
+        Parameters:
+            target: trajectory of the target.
+            now: where the rig should be until now.
+            dt (s): time since then.
+            time (s): the time.
+        """
+        place, ahead = target(np.array([time]))[0], velocity(target, time)[0]
+        away = now.position[:2] - place[:2]
         distance = max(float(np.linalg.norm(away)), 1e-6)
-        goal = np.array([*(target[:2] + settings.distance / distance * away), max(target[2] + settings.height, settings.floor)])
-        wanted = within(ahead + GAIN * (goal - now.position), settings.max_speed)
-        acceleration = within((wanted - now.velocity) / LAG, settings.max_acceleration)
+        goal = np.array([*(place[:2] + self.distance / distance * away), max(place[2] + self.height, self.floor)])
+        wanted = within(ahead + GAIN * (goal - now.position), self.max_speed)
+        acceleration = within((wanted - now.velocity) / LAG, self.max_acceleration)
         speed = now.velocity + dt * acceleration
-        self._now = Kinematics(now.position + 0.5 * dt * (now.velocity + speed), speed, acceleration)
-        return self._now
+        return Kinematics(now.position + 0.5 * dt * (now.velocity + speed), speed, acceleration)

@@ -14,7 +14,7 @@ from av_common.frames import BASE_FRAME
 from av_common.rig_messages import gimbal_message, static_transforms
 from av_common.stamps import to_stamp
 from av_sim_bridge import messages
-from av_simulator.run import Step, TruthSample
+from av_simulator.run import Step
 from av_simulator.world import World
 from av_vision.messages import camera_info_message
 
@@ -49,7 +49,10 @@ class BagRecorder:
             rig = messages.odometry_message(header, BASE_FRAME, sample.rig)
             self._write('odometry', EPOCH + sample.time, rig)
             self._write('truth/rig', EPOCH + sample.time, rig)
-            self._write_gimbal(sample)
+            if self._rig.gimbal is not None and (measured := sample.gimbal) is not None:
+                time = EPOCH + sample.time
+                self._write('gimbal/state', time, gimbal_message(self._rig.gimbal.frame, time, measured.orientation_wxyz,
+                                                                 measured.variance, measured=True))
             self._write('truth/target', EPOCH + sample.time,
                         messages.odometry_message(header, 'target', sample.targets[0]))
         for view, image in step.images:
@@ -58,13 +61,6 @@ class BagRecorder:
             self._write('camera/camera_info', EPOCH + view.time,
                         camera_info_message(header, self._rig.camera.model))
             self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))
-
-    def _write_gimbal(self, sample: TruthSample) -> None:
-        gimbal, measured = self._rig.gimbal, sample.gimbal
-        if gimbal is not None and measured is not None:
-            time = EPOCH + sample.time
-            self._write('gimbal/state', time, gimbal_message(gimbal.frame, time, measured.orientation_wxyz, measured.variance,
-                                                             measured=True))
 
     def close(self) -> None:
         """Finish the bag."""

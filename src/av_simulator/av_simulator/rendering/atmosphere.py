@@ -59,11 +59,6 @@ class Atmosphere:
     clouds: tuple[Cloud, ...] = field(default_factory=tuple)
 
     @property
-    def even(self) -> bool:
-        """Whether the extinction coefficient is uniform."""
-        return not self.clouds
-
-    @property
     def rain_extinction(self) -> float:
         """Extinction coefficient (1/m) of the rain alone."""
         return 1.076 * self.rain_mm_h**0.67 * math.log(10.0) / 10.0 / 1000.0

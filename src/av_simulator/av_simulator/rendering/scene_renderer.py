@@ -226,7 +226,7 @@ class SceneRenderer:
         if depth.ndim > 2:
             stretch, rays = stretch[..., np.newaxis], np.repeat(rays, depth.shape[2], axis=1)
         distance = np.where(np.isfinite(depth), depth * stretch, np.float32(SKY_DISTANCE))
-        if view.atmosphere.even:
+        if not view.atmosphere.clouds:
             return distance * np.float32(view.atmosphere.fog + view.atmosphere.rain_extinction)
         rays = rays.reshape(-1, 3) @ view.rotation.astype(np.float32).T
         return view.atmosphere.optical_depth(view.position.astype(np.float32), rays, distance.ravel()).reshape(depth.shape)

@@ -56,25 +56,19 @@ def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed
 class BlockGrid:
     """The instants within a block at which delays are computed, and their cubic interpolation at every sample.
 
-    For stationary microphones the intervals do not depend on the division of time into blocks. For moving ones they end at
-    the block's ends, because positions after the block are unknown.
+    The intervals do not depend on the division of time into blocks: at the ends of one that is no multiple of them, moving
+    microphones are taken to go on as they move.
 
     Parameters:
         start: index of the first sample of the block.
         samples: number of samples of the block.
-        moving: whether the microphones move.
     """
 
-    def __init__(self, start: int, samples: int, moving: bool):
-        stop = start + samples
-        edges = np.arange(start // _INTERVAL, -(-stop // _INTERVAL) + 1) * float(_INTERVAL)
-        if moving:
-            edges = np.clip(edges, start, stop)
-        left, width = edges[:-1], np.diff(edges)
-        self.instants = left[:, None] + width[:, None] * _NODES  # (intervals, 4) in samples
-        self.samples = index = np.arange(start, stop)
-        self._interval = index // _INTERVAL - start // _INTERVAL
-        self._place = (index - left[self._interval]) / width[self._interval]
+    def __init__(self, start: int, samples: int):
+        self.samples = np.arange(start, start + samples)
+        intervals, within = np.divmod(self.samples, _INTERVAL)
+        self._interval, self._place = intervals - intervals[0], within / _INTERVAL
+        self.instants = _INTERVAL * (np.arange(intervals[0], intervals[-1] + 1)[:, None] + _NODES)  # (intervals, 4) in samples
 
     def to_samples(self, values: NDArray) -> NDArray:
         """Values (..., samples) interpolated from values (..., intervals, 4) at the instants."""

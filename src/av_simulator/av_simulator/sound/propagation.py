@@ -60,7 +60,7 @@ class Propagation:
             positions (m, (k, m, 3)): microphones in ENU at k evenly spaced instants from the block's start to its end.
         """
         self._begin_frames(start, samples, positions)
-        grid = BlockGrid(start, samples, moving=bool(np.any(positions != positions[0])))
+        grid = BlockGrid(start, samples)
         receivers = along_block(positions, start, samples, grid.instants)
         received = np.zeros((positions.shape[1], samples))
         for number in range(len(self._sources)):

@@ -101,7 +101,7 @@ class Reverberation:
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
         """Pressure (Pa, (m, samples)) in one block; the parameters are those of `Propagation.render`."""
         centre = positions.mean(axis=1, keepdims=True)
-        grid = BlockGrid(start, samples, moving=bool(np.any(centre != centre[0])))
+        grid = BlockGrid(start, samples)
         listener = along_block(centre, start, samples, grid.instants)[0]
         microphones = along_block(positions, start, samples, grid.instants)
         times = (grid.instants * (self._ratio / self._rate)).ravel()
@@ -168,8 +168,8 @@ class Answer:
             kept = pairs > number
             scale = np.sqrt(1.0 / pairs[kept]).astype(np.float32)[:, None, None]    # of one of a number of pairs
             found.append((answer.spectra[:, kept] * scale, answer.parts[kept], answer.turns[kept], answer.phases[kept]))
-        spectra, of_parts, turns, phases = zip(*found, strict=True)
-        return cls(np.concatenate(spectra, axis=1), np.concatenate(of_parts), np.concatenate(turns), np.concatenate(phases), block)
+        spectra, *others = zip(*found, strict=True)
+        return cls(np.concatenate(spectra, axis=1), *map(np.concatenate, others), block)
 
     @classmethod
     def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
