@@ -123,8 +123,7 @@ def _value(hint: Any, value: Any, place: _Place) -> Any:
     if origin in (tuple, list, Sequence):
         return _sequence(arguments, value, place)
     if dataclasses.is_dataclass(hint):
-        reader = getattr(hint, 'from_yaml', None)
-        return reader(value, place.key) if reader else read(typing.cast(type, hint), value, place.key, place.folder)
+        return read(typing.cast(type, hint), value, place.key, place.folder)
     if hint is Path and isinstance(value, str):
         return _path(value, place)
     if hint in (int, float):

@@ -14,7 +14,6 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.settings import types_of
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_simulator.config_files import find_config
-from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.sound.noise import Noise, Snr
 from av_simulator.trajectories import RandomFlight
@@ -30,7 +29,7 @@ def test_a_track_has_the_type_of_the_drone_that_was_rendered(profile):
     centre = (distance * math.cos(azimuth), distance * math.sin(azimuth), 5.0)
     scenario = Scenario(
         'drone_types', (Target(RandomFlight(centre, (3.0, 3.0, 1.0), 8.0, 21), profile, drone=profile),), 5.0, 21,
-        weather=Weather(fog=Profile(values=(FOG,))), noise=Noise(snr=Snr(float(random.uniform(0.0, 20.0)))))
+        weather=Weather(fog=FOG), noise=Noise(snr=Snr(float(random.uniform(0.0, 20.0)))))
     tracker = MultiTargetTracker(TrackerSettings(types=types_of(node_parameters('av_fusion', 'fusion_node').types)))
     run = OfflineRun(scenario, load_rig(find_config('rig')), tracker)
     run.run()

@@ -19,7 +19,6 @@ from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
-from av_simulator.profile import Profile
 from av_simulator.scenario import load_scenario
 
 
@@ -64,7 +63,7 @@ def test_a_flying_rig_localises_sound_through_its_ego_rotors():
     In a third of all runs one window of a hundred is beyond 20 deg: the error of sound is that of three runs together.
     """
     scenario, squares = load_scenario(find_config('ego_rotors', 'scenarios')), []
-    scenario = replace(scenario, weather=replace(scenario.weather, fog=Profile((0.0, 5.0, 7.0), (0.02, 0.02, 0.3))))
+    scenario = replace(scenario, weather=replace(scenario.weather, fog=((0.0, 0.02), (5.0, 0.02), (7.0, 0.3))))
     for seed in (scenario.seed, 1, 2):
         run = OfflineRun(replace(scenario, seed=seed), load_rig(find_config('rig')), MultiTargetTracker(),
                          pointing=PointingController(PointingSettings(move_gimbal=False)))

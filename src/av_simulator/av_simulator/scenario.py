@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from av_common.acoustics import speed_of_sound
-from av_common.config_reader import bounded, load
+from av_common.config_reader import ConfigError, bounded, load
+from av_common.files import shown
 from av_simulator.config_files import find_config
 from av_simulator.motion.bodies import Body, Level, Vibration
 from av_simulator.motion.pursuit import Pursuit
-from av_simulator.profile import Profile
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland
 from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
@@ -31,6 +32,17 @@ SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal
            'engine': EngineSignal, 'helicopter': HelicopterSignal, 'siren': SirenSignal}
 SourceSignal = Annotated[Any, SIGNALS]
 FARTHEST = 10_000.0    # m, largest coordinate on a trajectory
+
+
+def value_at(profile: float | tuple[tuple[float, float], ...], time: ArrayLike) -> NDArray:
+    """Value of a profile at a time (s), or values at times of any shape.
+
+    Parameters:
+        profile: a value, or rows of time (s) and value, between which it is linear, and before and after which constant.
+        time (s): the time.
+    """
+    times, values = np.array(profile if isinstance(profile, tuple) else [(0.0, profile)]).T
+    return np.interp(np.asarray(time, float), times, values)
 
 
 @dataclass(frozen=True)
@@ -157,17 +169,24 @@ class Weather:
     temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
     humidity_percent: float = bounded(60.0, low=1.0, high=100.0)
     pressure_kpa: float = bounded(101.325, low=30.0, high=110.0)
-    fog: Profile = field(default_factory=Profile)
+    fog: float | tuple[tuple[float, float], ...] = bounded(0.0, low=0.0)
     smoke: tuple[Smoke, ...] = ()
-    rain_mm_h: Profile = field(default_factory=Profile)
-    daylight: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
-    exposure: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
+    rain_mm_h: float | tuple[tuple[float, float], ...] = bounded(0.0, low=0.0)
+    daylight: float | tuple[tuple[float, float], ...] = bounded(1.0, low=0.0)
+    exposure: float | tuple[tuple[float, float], ...] = bounded(1.0, low=0.0)
     absorption: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ('fog', 'rain_mm_h', 'daylight', 'exposure'):
+            if isinstance(profile := getattr(self, name), tuple):
+                times = tuple(time for time, _ in profile)
+                if not times or min(np.diff(times), default=1.0) <= 0.0:
+                    raise ConfigError(f'weather.{name}: times are {shown(times)}, expected increasing times')
 
     def atmosphere(self, time: float) -> Atmosphere:
         """Optical properties of the air at a time (s)."""
         clouds = (smoke.at(time) for smoke in self.smoke)
-        return Atmosphere(float(self.fog(time)), float(self.rain_mm_h(time)),
+        return Atmosphere(float(value_at(self.fog, time)), float(value_at(self.rain_mm_h, time)),
                           tuple(cloud for cloud in clouds if cloud is not None))
 
 

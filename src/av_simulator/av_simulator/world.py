@@ -20,7 +20,7 @@ from av_simulator.rendering.render_process import RendererFactory, make_renderer
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Drone, View
 from av_simulator.rig_dynamics import RigDynamics
-from av_simulator.scenario import Scenario, Target
+from av_simulator.scenario import Scenario, Target, value_at
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise
 from av_simulator.sound.obstacles import Box, Obstacle
@@ -161,7 +161,8 @@ class World:
         turn = Rotation.from_matrix(self.camera_pose(time - SHUTTER, camera)[1].T @ rotation).as_rotvec() / SHUTTER
         motion = (-model.fx * turn[1], model.fy * turn[0])
         return View(index, time, position, rotation,
-                    weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)
+                    weather.atmosphere(time), drones, float(value_at(weather.daylight, time)),
+                    float(value_at(weather.exposure, time)), motion)
 
     def _drone(self, number: int, time: float) -> Drone:
         target, state = self.scenario.targets[number], self.target_states(number, [time])[0]

@@ -19,7 +19,6 @@ import yaml
 from av_common.config_reader import ConfigError, read
 from av_common.rig import load_rig
 from av_simulator.config_files import find_config
-from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, load_scenario
 from av_simulator.world import World
 
@@ -47,8 +46,6 @@ def written_out(value, hint):
     if typing.get_origin(hint) is typing.Annotated:
         kind = next((name for name, cls in typing.get_args(hint)[1].items() if type(value) is cls), None)
         return value if kind is None else {'kind': kind, **written_out(value, type(value))}
-    if isinstance(value, Profile):
-        return [list(point) for point in zip(value.times, value.values, strict=True)]
     if dataclasses.is_dataclass(value):
         hints = typing.get_type_hints(type(value), include_extras=True)
         found = {name: written_out(getattr(value, name), hints[name]) for name in hints}

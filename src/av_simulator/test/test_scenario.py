@@ -10,7 +10,7 @@ import yaml
 from av_common.config_reader import ConfigError
 from av_simulator.cli.scenario_schema import schema
 from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario, load_scenario
+from av_simulator.scenario import Scenario, load_scenario, value_at
 from av_simulator.trajectories import TRAJECTORIES, acceleration, velocity
 
 SCENARIOS = Path(__file__).resolve().parents[3] / 'config' / 'scenarios'
@@ -47,7 +47,7 @@ def test_fog_woodland_can_be_followed():
     assert np.abs(np.rad2deg(azimuth[0])) > 110            # behind the rig, which looks along x
     assert np.rad2deg(np.abs(np.gradient(azimuth, times))).max() < 25
     assert distance.min() > 7.5 and distance.max() < 12.5
-    transmission = np.exp(-scenario.weather.fog(times) * distance)
+    transmission = np.exp(-value_at(scenario.weather.fog, times) * distance)
     assert 0.35 < (transmission > 0.2).mean() < 0.65
 
 

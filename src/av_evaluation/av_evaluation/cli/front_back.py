@@ -40,7 +40,6 @@ from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
-from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.sound import Ground
 from av_simulator.sound.noise import Noise, Snr
@@ -80,7 +79,7 @@ def draw_starts(count: int, seed: int, fog: float) -> list[Scenario]:
                                         random.uniform(0.0, 20.0), str(random.choice(drones)))
         path = Circle(center=(0.0, 0.0, 3.0), radius=10.0, period=360.0 / rate, start_deg=azimuth)
         starts.append(Scenario('front_back', (Target(path, drone=drone),), DURATION_S, 1000 * seed + k,
-                               weather=Weather(fog=Profile(values=(fog,))), ground=Ground('forest'),
+                               weather=Weather(fog=fog), ground=Ground('forest'),
                                noise=Noise(diffuse_db_spl=30.0, snr=Snr(snr_db, 10.0))))
     return starts
 

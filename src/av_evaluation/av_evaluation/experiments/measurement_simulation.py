@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario, Target
+from av_simulator.scenario import Scenario, Target, value_at
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source import load_profile
 from av_simulator.trajectories import RandomFlight, Trajectory
@@ -147,7 +147,7 @@ class MeasurementSimulation:
     def _see(self, time: float) -> CameraMeasurement:
         random = self._random
         vectors, distances = self._seen_from_rig(time, [*self._targets, *self._birds])
-        fog = float(self._scenario.weather.fog(time))
+        fog = float(value_at(self._scenario.weather.fog, time))
         shown: list[int] = []
         found = []
         for k in np.argsort(distances):  # the nearest hides those behind it

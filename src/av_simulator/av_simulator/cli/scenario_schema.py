@@ -49,7 +49,7 @@ def _value(hint: Any, bounds: typing.Mapping[str, Any]) -> dict[str, Any]:
         return {'type': 'array', 'prefixItems': [_value(item, bounds) for item in arguments],
                 'minItems': len(arguments), 'maxItems': len(arguments)}
     if dataclasses.is_dataclass(hint):
-        return hint.yaml_schema() if hasattr(hint, 'yaml_schema') else _mapping(typing.cast(type, hint))
+        return _mapping(typing.cast(type, hint))
     return {'type': _TYPES[hint], **_limits(hint, bounds)}
 
 

@@ -168,8 +168,9 @@ class Answer:
             kept = pairs > number
             scale = np.sqrt(1.0 / pairs[kept]).astype(np.float32)[:, None, None]    # of one of a number of pairs
             found.append((answer.spectra[:, kept] * scale, answer.parts[kept], answer.turns[kept], answer.phases[kept]))
-        spectra, *others = zip(*found, strict=True)
-        return cls(np.concatenate(spectra, axis=1), *map(np.concatenate, others), block)
+        spectra, of_parts, turns, phases = zip(*found, strict=True)
+        return cls(np.concatenate(spectra, axis=1), np.concatenate(of_parts), np.concatenate(turns), np.concatenate(phases),
+                   block)
 
     @classmethod
     def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
