@@ -187,21 +187,25 @@ def to_bgr8(image: NDArray) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR) if image.shape[2] == 4 else image, np.uint8)
 
 
-def decode_image(data: bytes | memoryview, flags: int, most_pixels: int = MOST_PIXELS) -> NDArray:
+def decode_image(data: bytes | memoryview, flags: int, most_pixels: int = MOST_PIXELS, any_format: bool = False) -> NDArray:
     """The image (h, w[, channels]) in a JPEG or PNG file. Raises ValueError if it is neither, damaged or too large.
 
     Parameters:
         data: content of the file.
         flags: OpenCV's IMREAD flags.
         most_pixels: maximum number of pixels.
+        any_format: whether it may be in another format of OpenCV: a file of the user.
     """
-    check_pixels(*size_of(data), most_pixels)
+    if not any_format or bytes(data[:len(PNG)]).startswith((JPEG, PNG)):    # OpenCV takes memory for what these formats claim
+        check_pixels(*size_of(data), most_pixels)
+    reason = 'of no known format, or damaged'
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
-        raise ValueError(f'image of {len(data)} bytes cannot be decoded: {error.err}') from error
+        image, reason = None, error.err
     if image is None:
-        raise ValueError(f'image of {len(data)} bytes cannot be decoded')
+        raise ValueError(f'image of {len(data)} bytes cannot be decoded: {reason}')
+    check_pixels(image.shape[1], image.shape[0], most_pixels)
     return image
 
 

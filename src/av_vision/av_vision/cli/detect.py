@@ -20,7 +20,7 @@ from av_vision.drawing import draw
 from av_vision.image import AutomaticGain
 from av_vision.models import FILES
 from av_vision.sources import SourceError
-from av_vision.sources.files import Frame, Recording, name_for_opencv
+from av_vision.sources.files import Recording, name_for_opencv
 from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detections, Detector, DetectorSettings
@@ -50,23 +50,6 @@ class VideoWriter:
         """Finish the file."""
         if self._video is not None:
             self._video.release()
-
-
-FrameDetections = tuple[Frame, Detections, list[int]]
-
-
-def detect_recording(recording: Recording, detector: TemporalDetector, camera: str = 'visible') -> Iterator[FrameDetections]:
-    """Frames, their detections and track numbers.
-
-    Parameters:
-        recording: the input.
-        detector: detector for a sequence of images.
-        camera: its kind, see `DetectionStage`.
-    """
-    gain = AutomaticGain(camera != 'visible')
-    for frame in recording.frames():
-        image = gain.apply(frame.image, frame.time)
-        yield frame, *detector.detect(255 - image if camera == 'black_hot' else image, frame.time)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -108,18 +91,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
-    """The detector's settings from the command line."""
-    names = tuple(name for name in arguments.classes.split(',') if name)
-    keep = () if names == ('all',) else (DRONE,)
-    rename = {} if names == ('all',) else dict.fromkeys(names, DRONE)
-    return DetectorSettings(score_threshold=arguments.threshold, keep=keep, rename=rename, input_size=arguments.size)
-
-
 def detector_of(arguments: argparse.Namespace) -> Detector:
     """The detector that the command line names. Raises ModelError or ValueError."""
     given = {'model': arguments.model, 'camera_kind': arguments.camera, 'score_threshold': arguments.threshold}
-    return make_detector(node_parameters('av_vision', 'detector_node', overrides=given), settings_of(arguments))
+    names = [] if arguments.classes == 'all' else [name for name in arguments.classes.split(',') if name]
+    settings = DetectorSettings(score_threshold=arguments.threshold, keep=() if arguments.classes == 'all' else (DRONE,),
+                                rename=dict.fromkeys(names, DRONE), input_size=arguments.size)
+    return make_detector(node_parameters('av_vision', 'detector_node', overrides=given), settings)
 
 
 def run(arguments: argparse.Namespace) -> list[str]:
@@ -131,8 +109,10 @@ def run(arguments: argparse.Namespace) -> list[str]:
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
-    begun = time.perf_counter()
-    for frame, detections, tracks in detect_recording(recording, temporal, arguments.camera):
+    begun, gain = time.perf_counter(), AutomaticGain(arguments.camera != 'visible')
+    for frame in recording.frames():
+        image = gain.apply(frame.image, frame.time)
+        detections, tracks = temporal.detect(255 - image if arguments.camera == 'black_hot' else image, frame.time)
         for row in rows_of(frame.index, frame.time, detections, tracks):
             if arguments.json:
                 print(json.dumps(row), file=out)

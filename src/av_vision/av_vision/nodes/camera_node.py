@@ -157,8 +157,8 @@ class CameraNode(RigNode):
         status.add('reconnections', str(self._capture.reconnections))
         if isinstance(self._source, FileSource):
             status.add('skipped', str(self._source.skipped))
-            if self._source.problem:
-                status.mergeSummary(DiagnosticStatus.WARN, self._source.problem)
+            if self._source.recording.problem:
+                status.mergeSummary(DiagnosticStatus.WARN, self._source.recording.problem)
         if self._capture.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
         elif self._misfit:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.files import MEGABYTE, check_file
-from av_vision.image import JPEG, MOST_PIXELS, PNG, check_pixels, size_of
+from av_vision.image import MOST_PIXELS, decode_image
 from av_vision.sources.capture import CapturedImage, SourceError
 
 FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states no rate
@@ -37,17 +37,11 @@ def read_image(path: Path) -> NDArray:
     """
     try:
         data = check_file(path, MOST_BYTES).read_bytes()
-        if data.startswith((JPEG, PNG)):    # OpenCV takes memory for what these formats claim
-            check_pixels(*size_of(data), MOST_PIXELS)
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-        if image is None:
-            raise ValueError('of no known format, or damaged')
-        check_pixels(image.shape[1], image.shape[0], MOST_PIXELS)
+        image = decode_image(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, any_format=True)
     except OSError as error:
         raise SourceError(str(error)) from error
-    except (ValueError, cv2.error) as error:
-        reason = getattr(error, 'err', None) or error
-        raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image: {reason}') from error
+    except ValueError as error:
+        raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image: {error}') from error
     return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
 
 
@@ -117,9 +111,7 @@ class Recording:
             raise SourceError(f'{path}: {error}') from error
         if not self.path.exists():
             raise SourceError(f'{path} does not exist, expected a video, an image or a folder of images')
-        self._lost: list[str] = []    # why images of the folder could not be read
-        self._cut, self._alike = '', 0    # of a video: that it ends early; how many images are the same, -1 for none
-        self._shortened = ''
+        self._problems: dict[str, str] = {}    # by kind
         self._even = rate
         is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
         self._files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
@@ -133,32 +125,30 @@ class Recording:
     @property
     def problem(self) -> str:
         """See the class."""
-        left_out = f'{len(self._lost)} of {self.count} images left out: {self._lost[0]}' if self._lost else ''
-        still = (f'all {self._alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is one, '
-                 f'{CONVERT} -i IN -vf bwdif OUT.mp4') if self._alike >= ALIKE else ''
-        found = [text for text in (left_out, still, self._shortened, self._cut) if text]
+        found = [text for text in self._problems.values() if text]
         text = f'{self.path}: {"; ".join(found)}' if found else ''
         return text.encode(errors='replace').decode()    # names of files need not be UTF-8, messages must
 
     def frames(self, wanted: Callable[[float], bool] = lambda time: True) -> Iterator[Frame]:
         """Frames in order; those for whose time (s) `wanted` is false are not decoded. Raises SourceError."""
+        self._problems = {}
         return self._images(wanted) if self._files else self._video(wanted)
 
     def _images(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
-        self._lost = []
+        lost: list[str] = []
         for index, path in enumerate(self._files):
             if not wanted(index / self.rate):
                 continue
             try:
                 yield Frame(index, index / self.rate, read_image(path))
             except SourceError as error:
-                self._lost.append(str(error))
-                if len(self._lost) == len(self._files):
+                lost.append(str(error))
+                if len(lost) == len(self._files):
                     raise
+                self._problems['lost'] = f'{len(lost)} of {self.count} images left out: {lost[0]}'
 
     def _video(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
-        video, first, stated = self._open_video(), None, 0.0
-        self._cut, self._alike = '', 0
+        video, first, stated, alike = self._open_video(), None, 0.0, 0
         try:
             for index, stated in enumerate(self._times(video)):
                 at = index / self._even if self._even else stated
@@ -166,12 +156,14 @@ class Recording:
                     good, image = video.retrieve()
                     if good:
                         first = image if first is None else first
-                        same = self._alike >= 0 and np.array_equal(image, first)
-                        self._alike = self._alike + 1 if same else -1
+                        alike = alike + 1 if alike >= 0 and np.array_equal(image, first) else -1
+                        self._problems['alike'] = (
+                            f'all {alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is '
+                            f'one, {CONVERT} -i IN -vf bwdif OUT.mp4') if alike >= ALIKE else ''
                         yield Frame(index, at, image)
             length = self.count / max(video.get(cv2.CAP_PROP_FPS), 1.0)
             if stated + 1.0 / self.rate < WHOLE * length:
-                self._cut = f'its images end at {stated:.1f} of {length:.1f} s: is it cut off?'
+                self._problems['cut'] = f'its images end at {stated:.1f} of {length:.1f} s: is it cut off?'
         finally:
             video.release()
 
@@ -212,8 +204,8 @@ class Recording:
         if kind == _COUNTS:
             video.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
         elif bits > 8:
-            self._shortened = (f'of grey pixels of {bits} bits OpenCV keeps 8; for counts {CONVERT} -i IN -pix_fmt gray16le '
-                               '-c:v ffv1 OUT.mkv')
+            self._problems['bits'] = (f'of grey pixels of {bits} bits OpenCV keeps 8; for counts {CONVERT} -i IN '
+                                      '-pix_fmt gray16le -c:v ffv1 OUT.mkv')
         width, height = (int(video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MOST_PIXELS:
             raise SourceError(f'{self.path} has images of {width}x{height} pixels, expected at most {MOST_PIXELS} pixels')
@@ -225,6 +217,9 @@ class FileSource:
 
     Frames that are late by more than the interval before them are skipped and counted in `skipped`. A clock of the caller that
     is set meanwhile changes neither the pace nor the stamps.
+
+    Attributes:
+        recording: what is played.
 
     Parameters:
         path: video, image or folder of images.
@@ -240,26 +235,18 @@ class FileSource:
                  wait: Callable[[float], object] | None = None, begin: Callable[[], float | None] | None = None,
                  steady: Callable[[], float] = time.monotonic) -> None:
         self.skipped = 0
-        self._recording = Recording(path, rate)
+        self.recording = Recording(path, rate)
         self._loop = loop
         self._now, self._steady = now, steady
         self._closed = threading.Event()
         self._wait = wait or self._closed.wait
         self._begin = begin or now
 
-    @property
-    def problem(self) -> str:
-        """What is not read as it is; see `Recording`."""
-        return self._recording.problem
-
     def open(self) -> None:
         """Start at the first frame at the beginning, for which this waits."""
         self._closed.clear()
-        begin = None
-        while begin is None and not self._closed.is_set():
-            begin = self._begin()
-            if begin is None:
-                self._wait(ASK_AGAIN_S)
+        while (begin := self._begin()) is None and not self._closed.is_set():
+            self._wait(ASK_AGAIN_S)
         now = self._now()
         self._start = now if begin is None else begin
         self._offset = now - self._steady()    # of the caller's clock
@@ -284,7 +271,7 @@ class FileSource:
         self._closed.set()
 
     def _rewind(self) -> None:
-        self._frames, self._last, self._interval = self._recording.frames(self._in_time), -1.0, 1.0 / self._recording.rate
+        self._frames, self._last, self._interval = self.recording.frames(self._in_time), -1.0, 1.0 / self.recording.rate
 
     def _in_time(self, at: float) -> bool:
         """Whether a frame at a time (s) in the file is not late."""
