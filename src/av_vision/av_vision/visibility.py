@@ -22,6 +22,7 @@ from av_vision.image import noise_of, to_bgr8
 LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
 BINS = 16  # number of bins of distance
 QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brightest objects may be lamps or walls
+USUAL = 0.05  # extinction in 1/m with which the fit begins
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
 SMALL = (160, 120)  # pixels, to which an image is reduced where details say nothing
@@ -122,9 +123,8 @@ def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
 
     bounds = (np.r_[math.log(CLEAREST), 0.0, [-40.0] * levels.shape[1]],
               np.r_[math.log(DENSEST), 255.0, [295.0] * levels.shape[1]])
-    fits = [least_squares(residuals, np.clip(np.r_[math.log(guess), air, levels[0]], *bounds), bounds=bounds, loss='soft_l1')
-            for guess in (0.005, 0.05, 0.4)]
-    return float(np.exp(min(fits, key=lambda fit: fit.cost).x[0]))
+    guess = np.clip(np.r_[math.log(USUAL), air, levels[0]], *bounds)
+    return float(np.exp(least_squares(residuals, guess, bounds=bounds, loss='soft_l1').x[0]))
 
 
 def contrast_left(grey: NDArray[np.float32]) -> float:
