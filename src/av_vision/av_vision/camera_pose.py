@@ -16,7 +16,7 @@ from av_common.timeline import Timeline
 
 KEEP_S = 4.0     # how long attitudes are kept
 STEEP = 0.5      # cosine of the elevation beyond which a camera looks up or down
-LATEST_S = 0.2   # how far an image may be from the newest attitude
+LATEST_S = 0.2   # how far an image may be from the newest attitude, and from a depth image of the same scene
 
 
 @dataclass(frozen=True)

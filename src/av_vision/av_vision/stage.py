@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +21,7 @@ from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision import visibility as visibilities
-from av_vision.camera_pose import AttitudeHistory, CameraPose, angle_between, pixel_of
+from av_vision.camera_pose import LATEST_S, AttitudeHistory, CameraPose, angle_between, pixel_of
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
@@ -37,10 +38,8 @@ PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 # Of drones in clear view, those that are found within 2 s: in 90 pieces of clips that the detector was not trained on 85 (new
 # places) and 92 % (known ones). More images of the same drone do not help.
 FOUND = 0.9
-SAMPLED = 16    # of so many rows one is compared first
 TURNED = math.radians(3.0)  # of a camera, after which no image is as before; attitudes have smaller errors
 FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
-LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 
 class VisibilityReporter:
@@ -93,7 +92,7 @@ class VisibilityReporter:
 
     def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None,
                   rotation: NDArray) -> NDArray | None:
-        if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
+        if self._depth is not None and abs(self._depth[0] - time) <= LATEST_S:    # an older one is of another scene
             depth = self._depth[1]
             if depth.shape != shape:
                 return None
@@ -186,7 +185,7 @@ class DetectionStage:
 
     def _compare(self, image: NDArray, time: float, pose: CameraPose | None) -> None:
         since, last, before = self._last
-        if not (np.array_equal(image[::SAMPLED], last[::SAMPLED]) and np.array_equal(image, last)):
+        if not np.array_equal(image, last):
             since, before = time, pose
         self._last = since, image, before or pose
         self.unchanged = time - since
@@ -209,22 +208,27 @@ class DetectionStage:
         return None if camera is None else camera.scaled(width, height)
 
     def _pose(self, frame: str, time: float, camera: PinholeCamera | None) -> CameraPose | None:
-        if camera is None:
-            return None
-        try:
+        to_body = None
+        with suppress(ValueError):  # not yet known
             to_body = self._rotation_of(frame, time)
-        except ValueError:  # not yet known
-            return None
-        if to_body is None:
+        if camera is None or to_body is None:
             return None
         attitude = self._attitudes.at(time)
         return CameraPose(camera, to_body, None if attitude is None else attitude @ to_body)
 
     def _bearing_cue(self, pose: CameraPose | None, time: float) -> BearingCue | None:
+        """Where the bearing is in the image, None where it is outside or old; that in the world does not turn with the rig."""
         measured, message = self._bearing
         if pose is None or message.state == Bearing.STATE_NONE or not abs(time - measured) <= BEARING_AGE_S:
             return None
-        return cue_of_bearing(message, pose)
+        in_world = pose.to_world is not None and message.attitude_known
+        azimuth, elevation = ((message.azimuth_world, message.elevation_world) if in_world else
+                              (message.azimuth, message.elevation))
+        known = 0.0 <= message.elevation_variance < math.inf
+        rotation = pose.to_world if pose.to_world is not None and in_world else pose.to_body
+        pixel = pixel_of(angles_to_direction(azimuth, elevation if known else 0.0), rotation, pose.camera)
+        sigma = np.sqrt([message.azimuth_variance, message.elevation_variance if known else math.inf])
+        return None if pixel is None else BearingCue(pixel, sigma * (pose.camera.fx, pose.camera.fy))
 
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
@@ -241,24 +245,6 @@ class DetectionStage:
         self.detector.reset()
         if self._visibility is not None:
             self._visibility.reset()
-
-
-def cue_of_bearing(message: Bearing, pose: CameraPose) -> BearingCue | None:
-    """Where a bearing is in the image of a camera, None where it is outside.
-
-    Parameters:
-        message: the bearing.
-        pose: of the camera; with the rig's attitude the bearing in the world is used, which does not turn with the rig.
-    """
-    rotation = pose.to_body if pose.to_world is None or not message.attitude_known else pose.to_world
-    angles = (message.azimuth, message.elevation) if rotation is pose.to_body else \
-        (message.azimuth_world, message.elevation_world)
-    known = 0.0 <= message.elevation_variance < math.inf
-    pixel = pixel_of(angles_to_direction(angles[0], angles[1] if known else 0.0), rotation, pose.camera)
-    if pixel is None:
-        return None
-    sigma = np.sqrt([message.azimuth_variance, message.elevation_variance if known else math.inf])
-    return BearingCue(pixel, sigma * (pose.camera.fx, pose.camera.fy))
 
 
 def make_detection_stage(parameters: Any) -> DetectionStage:

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
-from numpy.typing import NDArray
 
 from av_common.arguments import not_negative, whole
 from av_common.parameters import node_parameters
@@ -29,27 +28,19 @@ from av_vision.yolo.letterbox import letterbox
 COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
 
 
-class VideoWriter:
-    """A video file of the size of the first frame, to which others are scaled; raises SourceError when it cannot be written."""
+def video_writer(path: Path, rate: float, size: tuple[int, int]) -> cv2.VideoWriter:
+    """A video file to write. Raises SourceError when it cannot be written.
 
-    def __init__(self, path: Path, rate: float) -> None:
-        self._name, self._rate = name_for_opencv(path.expanduser().absolute()), rate    # FFmpeg takes `a:b.mp4` for a protocol
-        self._video: cv2.VideoWriter | None = None
-
-    def write(self, image: NDArray) -> None:
-        """Append a BGR frame."""
-        if self._video is None:
-            self._video = cv2.VideoWriter(self._name, cv2.VideoWriter.fourcc(*'mp4v'), self._rate, image.shape[1::-1])
-            if not self._video.isOpened():
-                raise SourceError(f'{self._name} cannot be written as a video')
-            self._size = image.shape[:2]
-        # OpenCV silently skips frames of another size.
-        self._video.write(image if image.shape[:2] == self._size else letterbox(image, *self._size)[0])
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._video is not None:
-            self._video.release()
+    Parameters:
+        path: the file.
+        rate (1/s): frames per second.
+        size: height and width of all frames; OpenCV silently skips others.
+    """
+    name = name_for_opencv(path.expanduser().absolute())    # FFmpeg takes `a:b.mp4` for a protocol
+    video = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*'mp4v'), rate, size[::-1])
+    if not video.isOpened():
+        raise SourceError(f'{name} cannot be written as a video')
+    return video
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -105,7 +96,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     recording = Recording(arguments.input, arguments.rate)
     temporal = TemporalDetector(detector_of(arguments), temporal_fusion=arguments.temporal_fusion)
     out = arguments.output.open('w', newline='') if arguments.output else sys.stdout
-    video = VideoWriter(arguments.save_video, recording.rate) if arguments.save_video else None
+    video = None
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
@@ -113,13 +104,17 @@ def run(arguments: argparse.Namespace) -> list[str]:
     for frame in recording.frames():
         image = gain.apply(frame.image, frame.time)
         detections, tracks = temporal.detect(255 - image if arguments.camera == 'black_hot' else image, frame.time)
-        for row in rows_of(frame.index, frame.time, detections, tracks):
-            if arguments.json:
-                print(json.dumps(row), file=out)
-            else:
-                writer.writerow(row)
-        if video:
-            video.write(draw(frame.image, detections, tracks))
+        rows = rows_of(frame.index, frame.time, detections, tracks)
+        if arguments.json:
+            out.writelines(f'{json.dumps(row)}\n' for row in rows)
+        else:
+            writer.writerows(rows)
+        if arguments.save_video:
+            drawn = draw(frame.image, detections, tracks)
+            if video is None:
+                size = drawn.shape[0], drawn.shape[1]
+                video = video_writer(arguments.save_video, recording.rate, size)
+            video.write(letterbox(drawn, *size)[0])
         if not arguments.quiet and frame.index % 10 == 0:
             total = f' of {recording.count}' if recording.count else ''
             each = 1e3 * (time.perf_counter() - begun) / (frame.index + 1)
@@ -127,8 +122,8 @@ def run(arguments: argparse.Namespace) -> list[str]:
     if not arguments.quiet:
         columns = temporal.detector.model.columns
         print(f'\nthe columns of {arguments.model} are {columns}' if columns else '', file=sys.stderr)
-    if video:
-        video.close()
+    if video is not None:
+        video.release()
     if arguments.output:
         out.close()
     return [recording.problem] if recording.problem else []
