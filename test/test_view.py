@@ -111,7 +111,7 @@ def it_moves(browser):
     """Picture, ring and strips are others after a while."""
     assert browser.wait_for('$("polar").querySelector(".ring")')
     seen = [PIXELS, '$("polar").querySelector(".ring")?.getAttribute("points")', '$("azimuths").toDataURL()', 'rows.length',
-            *(f'$("{strip}").toDataURL()' for strip in ('confidences', 'snr', 'delays', 'spectrum'))]
+            *(f'$("{strip}").toDataURL()' for strip in ('confidences', 'level', 'delays', 'spectrum'))]
     before = [browser.value(expression) for expression in seen]
     for expression, value in zip(seen, before, strict=True):
         assert browser.wait_for(f'{expression} !== {json.dumps(value)}'), expression

@@ -9,9 +9,9 @@ from typing import Any
 
 # Rows in an update: the few that a viewer may have missed, or all for one that is new or was away.
 RECENT, HISTORY = 10, 600
-# What the columns of a row are; azimuths in degrees, confidences 0..1, delay in s, SNR in dB.
+# What the columns of a row are; azimuths in degrees, confidences 0..1, delay in s, level in dB.
 COLUMNS = ('time', 'sound', 'mirror', 'sight', 'fused', 'sigma', 'truth', 'sound_confidence', 'sight_confidence', 'state',
-           'delay', 'snr')
+           'delay', 'level')
 
 
 @dataclass
@@ -69,4 +69,4 @@ def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:
     known = bearing is not None and bearing['state'] != 'none'
     return [snapshot['time'], *[*azimuths, None, None][:2], best['azimuth'], *([bearing['azimuth'], bearing['sigma']] if known
             else [None, None]), truth[0]['azimuth'] if truth else None, sound and sound['confidence'], best['score'],
-            bearing['state'] if bearing else 'none', snapshot['delay'], snapshot['snr']]
+            bearing['state'] if bearing else 'none', snapshot['delay'], sound and sound['level']]

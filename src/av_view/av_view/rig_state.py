@@ -61,7 +61,7 @@ class RigState:
         self._picture: tuple[float, tuple[int, int], Any] | None = None
         self._heading: float | None = None
         self._truths: dict[str, tuple[float, Any]] = {}  # times of arrival and poses of the rig and of targets
-        self._spectrum: tuple[float, list[float], float] = -math.inf, [], math.nan  # time of arrival, levels, ratio
+        self._spectrum: tuple[float, list[float]] = -math.inf, []  # time of arrival, levels
         self._marks: deque[tuple[float, str]] = deque(maxlen=MOST_MARKS)
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
 
@@ -140,28 +140,27 @@ class RigState:
         """Take a mark, a `Log`. Raises ValueError for an impossible stamp."""
         self._marks.append((round(to_seconds(message.stamp), 2), message.msg[:LONGEST_NAME]))
 
-    def on_spectrum(self, levels: Sequence[float], snr: float, arrival: float) -> None:
-        """Take what is known of the sound.
+    def on_spectrum(self, levels: Sequence[float], arrival: float) -> None:
+        """Take the spectrum of the sound.
 
         Parameters:
             levels (dB): in the bands of `av_view.spectrum`.
-            snr (dB): signal-to-noise ratio; nan while unknown.
             arrival (s): of the sound.
         """
-        self._spectrum = arrival, [round(float(level), 1) for level in levels], snr
+        self._spectrum = arrival, [round(float(level), 1) for level in levels]
 
     def snapshot(self, now: float) -> dict[str, Any]:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
-        _, levels, snr = self._spectrum if _is_recent(self._spectrum[0], now) else (now, list[float](), math.nan)
         fresh = {what: message for what in self.newest if (message := self._fresh(what, now)) is not None}
         return {
             'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
             **{what: part(fresh[what]) if what in fresh else None for what, part in PARTS.items()},
-            'sound': self._sound_part() if 'doa' in fresh else None, 'sight': self._sight_part(fresh),
+            'sound': self._sound_part(fresh['doa']) if 'doa' in fresh else None, 'sight': self._sight_part(fresh),
             'picture': self._picture_part(now), 'cameras': self._cameras_part(),
             'tracks': self._tracks_part(fresh['tracks']) if 'tracks' in fresh else [], 'truth': self._truth_part(now),
             'posterior': _posterior_part(fresh['posterior']) if 'posterior' in fresh else [],
-            'spectrum': levels, 'snr': number(snr, 1), 'marks': [mark for mark in self._marks if mark[0] <= now],
+            'spectrum': self._spectrum[1] if _is_recent(self._spectrum[0], now) else [],
+            'marks': [mark for mark in self._marks if mark[0] <= now],
             'delay': number(statistics.median(self._delays), 3) if self._delays and 'bearing' in fresh else None}
 
     def _fresh(self, what: str, now: float) -> Any:
@@ -189,10 +188,10 @@ class RigState:
                 'boxes': [_box(box, size) for box in boxes if box.results], 'line': line, 'band': band, 'centre': centre,
                 'heard': [camera.meridian(image.azimuth) for doa in heard for image in doa.hypotheses] if camera else []}
 
-    def _sound_part(self) -> dict[str, Any]:
+    def _sound_part(self, message: Any) -> dict[str, Any]:
         groups = [{'confidence': number(doa.confidence),
                    'images': [{'azimuth': degrees(image.azimuth)} for image in doa.hypotheses]} for doa in self.sound]
-        return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0}
+        return {'groups': groups, 'confidence': groups[0]['confidence'] if groups else 0.0, 'level': number(message.level, 1)}
 
     def _sight_part(self, fresh: Mapping[str, Any]) -> dict[str, Any] | None:
         found = {camera: fresh[topic] for camera in CAMERAS if (topic := camera_topic(camera, 'detections')) in fresh}

@@ -49,14 +49,14 @@ def test_a_bearing_that_comes_no_more_is_not_shown_as_the_present_one():
 def test_sound_and_truth_that_come_no_more_are_not_shown_as_the_present_ones():
     """As of microphones that were unplugged, and of a bag in whose place another one, of another time, is played."""
     state = RigState()
-    state.on_spectrum([-40.0], 12.0, NOW)
+    state.on_spectrum([-40.0], NOW)
     for name in ('rig', 'target', 'target_2'):
         state.on_truth(name, pose(10.0, 0.0, 5.0), NOW)
     snapshot = state.snapshot(NOW + 0.5)
-    assert (snapshot['spectrum'], snapshot['snr'], len(snapshot['truth'])) == ([-40.0], 12.0, 2)
+    assert (snapshot['spectrum'], len(snapshot['truth'])) == ([-40.0], 2)
     for time in (NOW + 5.0, NOW - 50.0):
         snapshot = state.snapshot(time)
-        assert (snapshot['spectrum'], snapshot['snr'], snapshot['truth']) == ([], None, [])
+        assert (snapshot['spectrum'], snapshot['truth']) == ([], [])
     for name in ('rig', 'target'):
         state.on_truth(name, pose(20.0, 0.0, 5.0), NOW - 50.0)
     assert len(state.snapshot(NOW - 50.0)['truth']) == 1, 'that of the bag before is gone'
@@ -134,7 +134,7 @@ def test_rows_hold_what_diagrams_show():
     state.take('detections', seen(319.5, 239.5))
     row = dict(zip(COLUMNS, row_of(state.snapshot(NOW)), strict=True))
     assert (row['sound'], row['mirror'], row['sight']) == pytest.approx((5.7, 174.3, 0.0), abs=0.06)
-    assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None
+    assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None and row['level'] == -40.0
 
 
 def test_tracks_with_their_names():
@@ -190,7 +190,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
     state.take('detections', seen(value, value, value, value, value))
     state.on_picture(NOW - 0.1, (640, 480), seen(value, value, value, value, value))
-    state.on_spectrum([0.0], value, NOW)
+    state.on_spectrum([0.0], NOW)
     state.on_truth('rig', pose(0.0, 0.0, 0.0), NOW)
     state.on_truth('target', pose(value, value, 0.0), NOW)
     message = TrackArray(tracks=[Track(azimuth=value, elevation_world=value, range=value, covariance_world=[value] * 4)])

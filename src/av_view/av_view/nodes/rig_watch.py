@@ -43,7 +43,7 @@ from av_view.markers import markers, world_markers
 from av_view.numbers import STALE_S
 from av_view.picture import RecentImages, jpeg_of
 from av_view.rig_state import RigState
-from av_view.spectrum import Coherence, spectrum
+from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
@@ -85,7 +85,6 @@ class RigWatch:
         self._images = RecentImages()
         self._pictured = (0, False)  # stamp (ns) of the image that is shown, and whether its detections are
         self.snapshot = state.snapshot(node.now())
-        self._spectrum_time, self._coherence = 0.0, Coherence()
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
         # Viewers wait for no transform.
@@ -202,6 +201,4 @@ class RigWatch:
 
     def _on_audio(self, message: AudioFrame, published: float) -> None:
         block = samples_of(message)[:MOST_SAMPLES // message.channels]
-        since, self._spectrum_time = published - self._spectrum_time, published
-        self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
-                                self._coherence.add(block, message.sample_rate, since), published)
+        self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(), published)

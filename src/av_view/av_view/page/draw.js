@@ -205,7 +205,7 @@ function showConfidences() {
   for (const row of rows) if (row[STATE] !== 'none') { context.fillStyle = color(row[STATE]); context.fillRect(x(row[TIME]) - 1, y(-0.03), 2.5, 5); }
 }
 
-function showSnr() { line(diagram('snr', -20, 30, [-20, 0, 20]), SNR, 'sound', 1.5); }
+function showLevel() { line(diagram('level', -100, 0, [-80, -40, 0]), LEVEL, 'sound', 1.5); }
 
 function showDelays() {
   const most = Math.max(0.1, ...rows.map(row => row[DELAY] ?? 0)), top = most > 0.5 ? Math.ceil(most) * 1000 : Math.ceil(most * 10) * 100;

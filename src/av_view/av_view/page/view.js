@@ -2,7 +2,7 @@
 'use strict';
 
 const WINDOW_S = 60, RETRY_MS = 1000;
-const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, SNR] = Array(12).keys(), [DELAY_MS, OFF_SOUND, OFF_SIGHT, OFF_FUSED] = [12, 13, 14, 15];
+const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, LEVEL] = Array(12).keys(), [DELAY_MS, OFF_SOUND, OFF_SIGHT, OFF_FUSED] = [12, 13, 14, 15];
 const $ = id => document.getElementById(id);
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
@@ -76,7 +76,7 @@ function show() {
   $('bearing').value = bearingWords(bearing);
   $('targets').replaceChildren();
   for (const track of [...tracks].sort((a, b) => b.selected - a.selected)) made($('targets'), 'li', targetWords(track), track.selected ? 'selected' : '');
-  showOverlay(); showPolar(); showMap(); showAzimuths(); showErrors(); showConfidences(); showSnr(); showDelays(); showSpectrum();
+  showOverlay(); showPolar(); showMap(); showAzimuths(); showErrors(); showConfidences(); showLevel(); showDelays(); showSpectrum();
   $('command').textContent = commandWords(state.command);
 }
 
