@@ -99,7 +99,7 @@ def test_everything_is_published(rig):
     assert counts['detections'] >= 0.9 * (rig.sent['images'] - int(rig.told['image camera undated']))
     sound = rig.fed['audio/frames']
     assert {(message.sample_rate, message.channels) for message in sound} == {(48_000, 2)}
-    assert sum(len(message.samples) for message in sound) == 2 * rig.sent.audio_frames
+    assert sum(len(message.samples) for message in sound) == 2 * rig.sent['audio_frames']
     assert rig.values()['audio overwritten frames'] == '0'
 
 
@@ -125,7 +125,7 @@ def test_the_oracle_is_marked(rig):
 def test_commands_turn_the_rig(rig):
     """To the commanded rate and no further; a machine that stalls for longer than a command lives lets it slow down."""
     skip_figures_where_overloaded()
-    assert rig.sent.commands > 10 and rig.sent.refused_commands == 0
+    assert rig.sent['commands'] > 10 and rig.sent['refused_commands'] == 0
     assert max(message.twist.twist.angular.z for message in rig.fed['odometry']) == pytest.approx(0.3, abs=1e-3)
     assert max(message.angular_velocity.z for message in rig.fed['imu']) == pytest.approx(0.3, abs=1e-3)
     assert rig.fed['imu'][-20].linear_acceleration.z == pytest.approx(9.80665, abs=1e-3)
