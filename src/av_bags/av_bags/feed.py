@@ -12,7 +12,7 @@ from av_bags import topics as names
 from av_bags.converters import AudioLayout, converter
 from av_bags.definitions import BagError
 from av_bags.reader import Bag, Row
-from av_bags.timeline import GAP_NS, Segment
+from av_bags.timeline import GAP_NS
 from av_common.rig import CAMERAS, camera_topics
 
 SECOND = 10**9  # ns
@@ -131,9 +131,15 @@ class Feed:
 
     def _rows(self, topics: Collection[str]) -> Iterator[tuple[int, Row]]:
         """Messages of the part to read, with the number of their segment."""
-        for number, segment, begin_ns, end_ns in self._played():
-            for row in self._bag.messages(topics, begin_ns, end_ns, segment):
-                yield number, row
+        before = 0.0
+        for number, segment in enumerate(self._bag.segments):
+            length = (segment.end_ns - segment.start_ns) / SECOND
+            first, last = max(self._start - before, 0.0), min(self._stop - before, length)
+            if first <= length and (last > 0.0 or last == length):
+                end_ns = segment.end_ns + 1 if last == length else segment.start_ns + round(last * SECOND)
+                for row in self._bag.messages(topics, segment.start_ns + round(first * SECOND), end_ns, segment):
+                    yield number, row
+            before += length
 
     def _stamped(self, rows: Iterable[Row], now: float) -> Iterator[tuple[int, float, Row]]:
         """The same by the stamps, from the first one (s) on. A single one may be wrong: two that agree begin a segment."""
@@ -154,17 +160,6 @@ class Feed:
             now = now if _jumps(now, time) else max(now, time)
             yield segment, now, row
         yield from ((segment, now, other) for other in waiting)
-
-    def _played(self) -> Iterator[tuple[int, Segment, int, int]]:
-        """The segments within the part to read, with their numbers and the times (ns) from and before which to read."""
-        before = 0.0
-        for number, segment in enumerate(self._bag.segments):
-            length = (segment.end_ns - segment.start_ns) / SECOND
-            first, last = max(self._start - before, 0.0), min(self._stop - before, length)
-            if first <= length and (last > 0.0 or last == length):
-                end_ns = segment.end_ns + 1 if last == length else segment.start_ns + round(last * SECOND)
-                yield number, segment, segment.start_ns + round(first * SECOND), end_ns
-            before += length
 
     def _is_of_another_clock(self) -> bool:
         """Whether all stamps are of another clock than the times of recording."""

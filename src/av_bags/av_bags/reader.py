@@ -329,17 +329,13 @@ class Bag(AbstractContextManager['Bag']):
         if wanted:  # rosbags takes an empty list for all connections
             for connection, time_ns, data in reader.messages(wanted, start_ns, stop_ns):
                 try:
-                    content = self._content(data)
+                    if not isinstance(data, bytes):    # a database may hold any type
+                        raise ValueError(f'{type(data).__name__} instead of bytes')
+                    content = message(data) if self._parts.by_message else data
                 except ValueError as error:
                     self._problems[f'{connection.topic}: messages are left out: {error}'] = None
                     continue
                 yield connection.topic, time_ns, content
-
-    def _content(self, data: bytes) -> bytes:
-        """A message as it was recorded, decompressed. Raises ValueError where it is damaged; a database may hold any type."""
-        if not isinstance(data, bytes):
-            raise ValueError(f'{type(data).__name__} instead of bytes')
-        return message(data) if self._parts.by_message else data
 
     def _is_readable(self, connection: Connection) -> bool:
         encoding = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ''

@@ -18,8 +18,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--out', required=True, metavar='PATH', help='a .mcap file, or a folder; must not exist')
     options = parser.parse_args(arguments)
     try:
+        problems = []
         with Bag(options.bag) as bag, BagWriter(options.out) as out:
-            problems = [*copy(bag, out), *bag.notes, *bag.problems]
+            for topic in bag.topics.values():
+                try:
+                    qos = LATCHED if topic.name.endswith(f'/{FRAMES}') else DEFAULT_QOS
+                    out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
+                except ValueError as error:    # of a type that is defined neither in the bag nor here
+                    problems.append(f'{topic.name} is left out: {error}')
+            for row in bag.messages(out.counts):
+                out.write(*row)
+            problems += [*bag.notes, *bag.problems]
     except (ValueError, OSError) as error:
         print(f'repair_bag: {error}', file=sys.stderr)
         return 1
@@ -28,24 +37,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     name = options.out.encode(errors='replace').decode()    # that of a file need not be UTF-8
     print(f'{sum(out.counts.values())} messages to {name}')
     return 0
-
-
-def copy(bag: Bag, out: BagWriter) -> list[str]:
-    """Copy every message whose type is defined in the bag or installed; returns the omitted topics with reasons.
-
-    Parameters:
-        bag: the bag to read.
-        out: the bag to write.
-
-    Raises OSError.
-    """
-    left_out = []
-    for topic in bag.topics.values():
-        try:
-            qos = LATCHED if topic.name.endswith(f'/{FRAMES}') else DEFAULT_QOS
-            out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
-        except ValueError as error:
-            left_out.append(f'{topic.name} is left out: {error}')
-    for name, time_ns, data in bag.messages(out.counts):
-        out.write(name, time_ns, data)
-    return left_out
