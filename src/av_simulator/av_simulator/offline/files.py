@@ -111,9 +111,8 @@ def _truth_row(sample: TruthSample) -> list[float]:
 
 
 def _box_rows(view: View, image: RenderedImage) -> list[list]:
-    reported = {box.target_id: box.score for box in image.boxes}
     return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET, *(truth.box or [''] * 4),
-             *_rounded([truth.visible_fraction, truth.transmission, reported.get(truth.target_id, 0.0)])]
+             *_rounded([truth.visible_fraction, truth.transmission, truth.score])]
             for truth in image.truth]
 
 

@@ -65,9 +65,7 @@ class FlatRenderer:
             else:
                 solid = self._solids[thing]
                 _draw_solid(bgr, solid.shape, pixels[thing], _fogged(255.0 * np.array(solid.colour[::-1]), clear))
-        looks = [self._oracle.look(view, drone) for drone in view.drones]
-        return RenderedImage(self._effects.apply(bgr, view), [box for _, box in looks if box is not None],
-                             [truth for truth, _ in looks])
+        return RenderedImage(self._effects.apply(bgr, view), [self._oracle.look(view, drone) for drone in view.drones])
 
     def close(self) -> None:
         """Do nothing: this renderer holds no resources."""

@@ -11,7 +11,7 @@ from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.camera_effects import contrast_left
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.view import Appearance, Box, Drone, TruthBox, View, appearance, outline, rotor_hubs, score
+from av_simulator.rendering.view import Appearance, Box, Drone, TruthBox, View, appearance, outline, reported, rotor_hubs, score
 
 
 class Oracle:
@@ -28,10 +28,10 @@ class Oracle:
 
     def boxes(self, view: View) -> list[OracleBox]:
         """Boxes of the visible drones in a view."""
-        return [box for box in (self.look(view, drone)[1] for drone in view.drones) if box is not None]
+        return reported(self.look(view, drone) for drone in view.drones)
 
-    def look(self, view: View, drone: Drone) -> tuple[TruthBox, OracleBox | None]:
-        """How a drone appears in a view, and its box where it has one; the visible fraction is that of points on the drone."""
+    def look(self, view: View, drone: Drone) -> TruthBox:
+        """How a drone appears in a view; the visible fraction is that of points on the drone."""
         points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])
         points = np.concatenate([points, 0.5 * (points[1:] + drone.position)])
 
@@ -49,8 +49,8 @@ class Oracle:
 
 
 def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[Appearance], tuple[Box, float] | None],
-            thermal: bool = False) -> tuple[TruthBox, OracleBox | None]:
-    """How a drone appears in a view, and the oracle's box of it, None if its score is 0.
+            thermal: bool = False) -> TruthBox:
+    """How a drone appears in a view.
 
     Parameters:
         camera: intrinsics.
@@ -63,11 +63,10 @@ def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[
     seen = appearance(camera, view, drone)
     shown = None if seen is None else visible(seen)
     if seen is None or shown is None:
-        return TruthBox(drone.target_id, None, 0.0, transmission), None
+        return TruthBox(drone.target_id, None, 0.0, transmission)
     box, share = shown
     value = score(seen.width_px, transmission * contrast_left(view, transmission, thermal), share * seen.in_view)
-    found = OracleBox(drone.target_id, value, *box) if value > 0.0 else None
-    return TruthBox(drone.target_id, box, share, transmission), found
+    return TruthBox(drone.target_id, box, share, transmission, value)
 
 
 class Solids:

@@ -112,11 +112,10 @@ class SceneRenderer:
             image = self._thermal_camera.picture(thermal, view)
         else:
             image = self._effects.apply(_veiled(bgr, optical_depth), view)
-        looks = [look_of(self._camera, view, drone, partial(self._visible, view, number, drone, depth),
+        truth = [look_of(self._camera, view, drone, partial(self._visible, view, number, drone, depth),
                          self._thermal_camera is not None) for number, drone in enumerate(view.drones)]
         segmentation = None if identities is None else self._owner[identities]
-        boxes = [box for _, box in looks if box is not None]
-        return RenderedImage(image, boxes, [truth for truth, _ in looks], depth, segmentation, thermal)
+        return RenderedImage(image, truth, depth, segmentation, thermal)
 
     def _place(self, view: View) -> None:
         data, model = self._data, self._model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -81,12 +82,14 @@ class TruthBox:
         box (px): min_x, min_y, max_x, max_y of the visible pixels, None without visible pixels.
         visible_fraction (0 to 1): number of visible pixels over that without occlusion.
         transmission (0 to 1): transmission of the air between camera and target.
+        score (0 to 1): of the visual oracle's report; 0 for none.
     """
 
     target_id: int
     box: Box | None
     visible_fraction: float
     transmission: float
+    score: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,6 @@ class RenderedImage:
 
     Parameters:
         bgr ((height, width, 3), uint8): image; of a thermal camera (height, width), grey levels or raw counts.
-        boxes: report of the visual oracle.
         truth: true box of each drone.
         depth (m, (height, width), float32): distance along the optical axis, inf for the sky.
         segmentation ((height, width), int32): target ids, 0 for other objects.
@@ -103,11 +105,15 @@ class RenderedImage:
     """
 
     bgr: NDArray
-    boxes: list[OracleBox]
     truth: list[TruthBox] = field(default_factory=list)
     depth: NDArray | None = None
     segmentation: NDArray | None = None
     thermal: NDArray | None = None
+
+    @property
+    def boxes(self) -> list[OracleBox]:
+        """Report of the visual oracle."""
+        return reported(self.truth)
 
     @property
     def depth_mm(self) -> NDArray | None:
@@ -115,6 +121,11 @@ class RenderedImage:
         if self.depth is None:
             return None
         return np.where(self.depth < 65.535, 1000.0 * self.depth, 65_535.0).astype(np.uint16)
+
+
+def reported(truth: Iterable[TruthBox]) -> list[OracleBox]:
+    """What the visual oracle reports of true boxes."""
+    return [OracleBox(each.target_id, each.score, *each.box) for each in truth if each.box and each.score > 0.0]
 
 
 class Renderer(Protocol):
