@@ -12,24 +12,19 @@ from collections import deque
 
 from av_common.stamps import END_S
 
-AGREEMENT_S = 1.0        # stamps must agree for this long before they set the clock
-AGREEMENT_ERROR_S = 0.015    # largest difference of the offsets before and after the middle of that time
+AGREEMENT_S = 1.0        # stamps must agree for this long before they set the clock; later they determine it for as long
+AGREEMENT_ERROR_S = 0.015    # of offsets before and after the middle of that time, and of stamps older than others before
 FEWEST = 4               # stamps that can agree
 MAJORITY = 3             # ratio to the stamps that agree with the present offset, for a restart
-WINDOW_S = 1.0           # age of the arrivals that determine the offset
 SPACING_S = 0.005        # arrivals closer than this count once, so that a flood has no more weight than a stream
-STEP_S = 0.1             # interval between corrections
+STEP_S = 0.1             # interval between corrections; silence of a candidate after which another may take its place
 DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
 UNSEEN_DRIFT = 1e-4      # slew (s/s), either way, while the sender is late: twice that of crystals
-CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for a whole window
-NEAR_S = 0.01            # deviation that is chased
-EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
+CHASE = 0.5              # slew (s/s) after a deviation of more than EARLY_S for a whole second
+EARLY_S = 0.01           # error of the offset itself: a stamp may precede it by this much, and more is chased
 LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
-REORDERED_S = 0.015      # largest delay of a stamp older than its predecessor: a step back of the clock looks alike
 WIDTH_S = 0.1            # largest difference of the offsets of one candidate from its first
 MOST_CANDIDATES = 16     # so that a flood costs little
-CANDIDATE_SILENCE_S = 2.0    # after which a candidate is forgotten: twice the time of an agreement
-REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
 LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
 
 
@@ -87,13 +82,13 @@ class _Offset:
         self.end = now
         if now - self._samples[-1][0] >= SPACING_S:
             self._samples.append((now, offset))
-        while len(self._samples) > FEWEST and self._samples[0][0] < now - WINDOW_S:
+        while len(self._samples) > FEWEST and self._samples[0][0] < now - AGREEMENT_S:
             self._samples.popleft()
 
     def fits(self, offset: float) -> bool:
         return abs(offset - self.first) <= WIDTH_S
 
-    def count(self, now: float, window: float = WINDOW_S) -> int:
+    def count(self, now: float, window: float = AGREEMENT_S) -> int:
         """Number of arrivals in the window (s) that ends `now` (s)."""
         return sum(time >= now - window for time, _ in self._samples)
 
@@ -104,10 +99,10 @@ class _Offset:
         self._samples = deque((time, offset) for time, offset in self._samples if offset >= lowest - EARLY_S)
         return lowest
 
-    def quantile(self, tenths: int, begin: float = -math.inf, end: float = math.inf) -> float:
-        """Quantile (in tenths) of the offsets from `begin` to before `end` (s), NaN without any."""
+    def low(self, begin: float = -math.inf, end: float = math.inf) -> float:
+        """The lowest tenth of the offsets from `begin` to before `end` (s) is below this; NaN without any."""
         offsets = sorted(offset for time, offset in self._samples if begin <= time < end)
-        return offsets[len(offsets) * tenths // 10] if offsets else math.nan
+        return offsets[len(offsets) // 10] if offsets else math.nan
 
     @property
     def span(self) -> float:
@@ -125,7 +120,7 @@ class _Offset:
         if not self.is_whole:
             return False
         middle = self._samples[-1][0] - self.span / 2.0
-        return abs(self.quantile(1, end=middle) - self.quantile(1, begin=middle)) <= AGREEMENT_ERROR_S
+        return abs(self.low(end=middle) - self.low(begin=middle)) <= AGREEMENT_ERROR_S
 
     @property
     def grows(self) -> bool:
@@ -133,7 +128,7 @@ class _Offset:
         if not self.is_whole:
             return False
         begin, third = self._samples[0][0], self.span / 3.0
-        first, second, last = (self.quantile(1, begin + k * third, begin + (k + 1.001) * third) for k in range(3))
+        first, second, last = (self.low(begin + k * third, begin + (k + 1.001) * third) for k in range(3))
         return 0.0 < last - first <= 2.0 * third * CHASE and abs(first - 2.0 * second + last) <= AGREEMENT_ERROR_S
 
 
@@ -212,7 +207,7 @@ class SenderClock:
         lag = offset - self._offset
         if lag < 0.0:
             return offset >= (self._earliest - self._early if self.settled else accepted.first - LATEST_S)
-        if lag <= (REORDERED_S if self.settled else WIDTH_S):
+        if lag <= (AGREEMENT_ERROR_S if self.settled else WIDTH_S):
             return True
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
         if lag > LATEST_S or stamp < self._newest or repeated:
@@ -229,12 +224,12 @@ class SenderClock:
         if elapsed < STEP_S or not self.settled:
             return
         self._corrected = now
-        self._low = accepted.quantile(1)
+        self._low = accepted.low()
         error = self._low - self._offset
-        steady = accepted.count(now) > FEWEST and accepted.span > 0.8 * WINDOW_S
-        most = elapsed * (CHASE if steady and abs(error) > NEAR_S else self._drift)
+        steady = accepted.count(now) > FEWEST and accepted.span > 0.8 * AGREEMENT_S
+        most = elapsed * (CHASE if steady and abs(error) > EARLY_S else self._drift)
         self._offset += max(-most, min(most, error))
-        on_time = abs(error) <= NEAR_S and self._offset - self._floor <= NEAR_S
+        on_time = abs(error) <= EARLY_S and self._offset - self._floor <= EARLY_S
         self._floor = min(self._floor + (self._drift if on_time else UNSEEN_DRIFT) * elapsed, self._offset)
         self._earliest = self._floor if on_time else min(self._earliest - UNSEEN_DRIFT * elapsed, self._offset)
 
@@ -257,13 +252,13 @@ class SenderClock:
 
     def _candidate(self, now: float, offset: float) -> _Offset | None:
         """The candidate that an arrival joins or begins, None when there is no place for another."""
-        self._candidates = [other for other in self._candidates if other.end >= now - CANDIDATE_SILENCE_S]
+        self._candidates = [other for other in self._candidates if other.end >= now - 2.0 * AGREEMENT_S]
         joined = next((candidate for candidate in self._candidates if candidate.fits(offset)), None)
         if joined is not None:
             joined.add(now, offset)
             return joined
         if len(self._candidates) >= MOST_CANDIDATES:
-            silent = [other for other in self._candidates if other.end < now - REPLACEABLE_S]
+            silent = [other for other in self._candidates if other.end < now - STEP_S]
             if not silent:
                 return None
             self._candidates.remove(min(silent, key=lambda other: other.count(now)))

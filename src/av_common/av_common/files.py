@@ -7,7 +7,7 @@ import reprlib
 import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable
-from difflib import SequenceMatcher
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -82,4 +82,4 @@ def _kind(mode: int) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """The most similar of the known names, for a message about one that is not among them."""
-    return max(sorted(known), key=lambda other: SequenceMatcher(None, name, other).ratio(), default='none')
+    return next(iter(get_close_matches(name, sorted(known), 1, 0.0)), 'none')

@@ -72,16 +72,3 @@ def geodetic_to_enu(point: tuple[float, float, float], origin: tuple[float, floa
     """
     axes = enu_axes(origin[0], origin[1])
     return axes @ (to_ecef(*point) - to_ecef(*origin))
-
-
-def error_degrees(east: float, north: float, latitude: float) -> tuple[float, float]:
-    """Differences in longitude and latitude (deg) that correspond to small distances at a latitude.
-
-    Parameters:
-        east, north (m): the distances.
-        latitude (deg): where they are measured.
-    """
-    phi = math.radians(latitude)
-    factor = 1.0 - ECCENTRICITY_2 * math.sin(phi) ** 2
-    normal, meridian = SEMI_MAJOR_M / math.sqrt(factor), SEMI_MAJOR_M * (1.0 - ECCENTRICITY_2) / factor**1.5
-    return math.degrees(east / (normal * max(math.cos(phi), 1e-9))), math.degrees(north / meridian)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from av_common.angles import angles_to_direction
 from av_common.config_reader import ConfigError, bounded, load
@@ -231,12 +232,7 @@ class _ArrayFile:
 def _check_gap(positions: NDArray) -> None:
     """Raise ValueError where some microphones (m, 3) are farther from all others than an array can be, with the likely unit."""
     distances = np.linalg.norm(positions[:, None] - positions, axis=2)
-    joined, gap = np.zeros(len(positions), bool), 0.0
-    joined[0] = True
-    while not joined.all():    # the smallest tree that joins all (Prim, 1957)
-        apart = distances[joined].min(axis=0)
-        nearest = int(np.argmin(np.where(joined, np.inf, apart)))
-        joined[nearest], gap = True, max(gap, float(apart[nearest]))
+    gap = minimum_spanning_tree(distances).max()
     if gap > WIDEST_GAP_M:
         size = float(distances.max())
         unit = min(UNITS_M, key=lambda unit: abs(np.log(size * UNITS_M[unit] / USUAL_SIZE_M)))

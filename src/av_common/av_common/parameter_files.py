@@ -11,7 +11,6 @@ from av_common.files import shown
 from av_common.yaml_reader import load_yaml
 
 LARGEST = 2**63     # of the integers of parameters
-SEPARATOR = '.'     # in the names of parameters
 
 
 def parameters_for(file: str | Path, node: str) -> dict[str, Any]:
@@ -31,7 +30,8 @@ def fits(path: str, node: str) -> bool:
         path: of the section, as of `sections_of`; * is one name, ** any number.
         node: full name of the node.
     """
-    return re.fullmatch(_pattern(path), node) is not None
+    wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
+    return re.fullmatch(''.join(wild.get(part, '/' + re.escape(part)) for part in path.split('/')[1:]), node) is not None
 
 
 def sections_of(file: str | Path) -> list[tuple[str, Mapping[str, Any]]]:
@@ -78,15 +78,9 @@ def _sections(tree: Any, path: str = '') -> Iterator[tuple[str, Mapping[str, Any
             yield from _sections(branch, '/'.join([path, *filter(None, name.split('/'))]))
 
 
-def _pattern(path: str) -> str:
-    """A regular expression of the full names of the nodes of a path; * is one name, ** any number."""
-    wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
-    return ''.join(wild.get(part, '/' + re.escape(part)) for part in path.split('/')[1:])
-
-
 def _flat(tree: Any, path: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
     for name, value in _names(tree, f'{path} {prefix}'.strip()):
         if isinstance(value, dict):
-            yield from _flat(value, path, prefix + name + SEPARATOR)
+            yield from _flat(value, path, f'{prefix}{name}.')
         else:
             yield prefix + name, value

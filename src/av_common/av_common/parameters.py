@@ -116,7 +116,7 @@ def parameter_names(module: str, given: Mapping[str, Any] = MappingProxyType({})
         pass
     except (ParameterException, ValueError) as error:
         raise ValueError(_reason(error)) from error
-    return declarations.names | frozenset(COMMON)
+    return frozenset({*declarations.declared, *COMMON})
 
 
 def _reason(error: Exception) -> str:
@@ -139,20 +139,18 @@ class _Declarations:
 
     Parameters:
         given: values by names with dots; those that are not declared are ignored, as by a node.
+
+    Attributes:
+        declared: what was declared, by name.
     """
 
     def __init__(self, given: Mapping[str, Any]) -> None:
         self._given = given
-        self._declared: dict[str, Parameter] = {}
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The names of all that was declared."""
-        return frozenset(self._declared)
+        self.declared: dict[str, Parameter] = {}
 
     def has_parameter(self, name: str) -> bool:
         """Whether it has been declared."""
-        return name in self._declared
+        return name in self.declared
 
     def declare_parameter(self, name: str, default: Any, _descriptor: object) -> None:
         """Take the value given, or the default. Raises ValueError when the value has another type than the default."""
@@ -163,11 +161,11 @@ class _Declarations:
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
             raise ValueError(f'{name} is {shown(value)}, expected {kind.name.lower()}')
         check_value(name, value)
-        self._declared[name] = Parameter(name, kind, value)
+        self.declared[name] = Parameter(name, kind, value)
 
     def get_parameter(self, name: str) -> Parameter:
         """The parameter as it was declared."""
-        return self._declared[name]
+        return self.declared[name]
 
     def add_on_set_parameters_callback(self, _callback: Callable[..., Any]) -> None:
         """Ignore the callback: these parameters never change."""

@@ -19,8 +19,7 @@ from av_common.launched import run_folder
 
 PLAN, BEGINNING = 'playback.json', 'playback.begin'
 LEAD_S = 0.25         # from the agreement to the beginning: more than the time in which each player asks again
-ALONE_WAIT_S = 10.0   # for the first subscriber
-LAUNCH_WAIT_S = 30.0  # for the listeners of the launch, and as long for the other players: a detector may start slowly
+LAUNCH_WAIT_S = 30.0  # for listeners, and for the other players of the launch: a detector may start slowly
 
 
 class Player(NamedTuple):
@@ -59,7 +58,7 @@ class Playback:
         self._others = [other for other in plan if other != node]
         self._offset = float(plan[node]['offset']) if self._folder else 0.0
         self._listeners = frozenset(plan[node]['listeners']) if self._folder else frozenset()
-        self._asked = self._ready = float('nan')    # monotonic times (s) of the first question, and of being ready
+        self._asked = float('nan')    # monotonic time (s) of the first question
 
     def begin(self, subscribers: Collection[str], now: float) -> float | None:
         """When the file begins, on the clock of `now` (s); None while listeners or other players are not ready: ask again.
@@ -74,15 +73,13 @@ class Playback:
         since = time.monotonic()
         if self._asked != self._asked:
             self._asked = since
-        heard = self._listeners <= set(subscribers) if self._listeners else bool(subscribers)
-        if not heard and since - self._asked < (LAUNCH_WAIT_S if self._folder else ALONE_WAIT_S):
+        heard, late = self._listeners <= set(subscribers), since - self._asked > LAUNCH_WAIT_S
+        if not late and not (heard and subscribers):
             return None
         if self._folder is None:
             return now
-        if self._ready != self._ready:
-            self._ready = since
-            self._file(self._node).touch()
-        if all(self._file(other).exists() for other in self._others) or since - self._ready > LAUNCH_WAIT_S:
+        self._file(self._node).touch()
+        if late or all(self._file(other).exists() for other in self._others):
             self._agree(now + LEAD_S)
         return None
 

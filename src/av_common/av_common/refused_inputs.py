@@ -15,6 +15,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
+from av_common.files import LONGEST_LINE
+
 __all__ = ('BAD_INPUT', 'RefusedInputs')
 
 # Errors that an input may cause: ValueError of stages, and RCLError (with RMWError) of the middleware.
@@ -23,7 +25,6 @@ BAD_INPUT: tuple[type[Exception], ...] = (ValueError, rclpy_implementation.RCLEr
 STRICT_VARIABLE = 'AV_STRICT'
 RECENT_S = 5.0  # for which a refusal raises the status: five reports, so that a person sees it
 LOGGED_REASONS = 20  # of each source; afterwards its inputs are only counted
-LONGEST_REASON = 300  # characters
 
 
 @dataclass
@@ -57,7 +58,7 @@ class RefusedInputs:
         unexpected = not isinstance(error, BAD_INPUT)
         if unexpected and os.environ.get(STRICT_VARIABLE):
             raise error
-        reason = (str(error) or repr(error)).encode(errors='replace').decode()[:LONGEST_REASON]
+        reason = (str(error) or repr(error)).encode(errors='replace').decode()[:LONGEST_LINE]
         kind = re.sub(r'[\d.]+', '#', reason)  # the same reason with other numbers is not logged again
         with self._lock:
             entry = self._sources.setdefault(source, _Source())

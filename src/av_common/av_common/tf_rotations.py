@@ -36,9 +36,6 @@ class GuardedTransformListener:
     was fixed and now moves; and frames without number. What is refused is raised as ValueError once the rest of the message is
     added, for the guard of the node's subscriptions to count.
 
-    Attributes:
-        version: number of messages with fixed frames, which change only by these.
-
     Parameters:
         buffer: gets the transforms.
         node: subscribes.
@@ -48,7 +45,6 @@ class GuardedTransformListener:
     def __init__(self, buffer: Buffer, node: Node, namespace: str = '') -> None:
         self._parents: dict[str, str] = {}
         self._fixed: set[str] = set()
-        self.version = 0
         self._clock, self._now = node.get_clock(), -math.inf
         self._buffer = buffer
         node.create_subscription(TFMessage, f'{namespace}tf', self.callback, MOVING_QOS)
@@ -64,7 +60,6 @@ class GuardedTransformListener:
 
     def static_callback(self, data: TFMessage) -> None:
         """Take fixed frames."""
-        self.version += 1
         self._take(data, fixed=True)
 
     def _take(self, data: TFMessage, fixed: bool) -> None:
@@ -127,8 +122,6 @@ class TfRotations:
         self._buffer = Buffer()
         self._topic = node.resolve_topic_name(f'{namespace}tf_static')
         self._listener = GuardedTransformListener(self._buffer, node, namespace)
-        self._fixed: dict[str, NDArray[np.float64]] = {}  # rotations of frames that do not move
-        self._version = 0  # of the fixed frames when these were looked up
 
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
         """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
@@ -137,11 +130,6 @@ class TfRotations:
         that time may still come.
         """
         self.problem = ''
-        if self._version != self._listener.version:
-            self._version = self._listener.version
-            self._fixed.clear()
-        if frame in self._fixed:
-            return self._fixed[frame]
         try:
             newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
             late = time - newest if newest else 0.0
@@ -152,8 +140,4 @@ class TfRotations:
         except TransformException as error:
             self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}: {error}'
             return None
-        rotation: NDArray[np.float64] = quat2mat(attitude_of(found.transform.rotation))
-        if not newest:
-            rotation.flags.writeable = False
-            self._fixed[frame] = rotation
-        return rotation
+        return np.asarray(quat2mat(attitude_of(found.transform.rotation)))

@@ -9,9 +9,8 @@ from typing import Any
 
 import yaml
 
-from av_common.files import MEGABYTE, one_line, read_text
+from av_common.files import one_line, read_text
 
-MOST_BYTES = MEGABYTE
 DEPTH = 50          # levels of nesting, far from the 1000 of Python's recursion; scenarios have 6
 NODES = 100_000     # values, which take a second to read
 DIGITS = 40         # characters of a number: float64 needs 24 (-1.7976931348623157e+308)
@@ -29,7 +28,7 @@ def load_yaml(path: str | Path, kind: str = '') -> Any:
         path: the file.
         kind: what the file should be, for the message.
     """
-    text = read_text(path, MOST_BYTES, kind)
+    text = read_text(path, kind=kind)
     try:
         return parse_yaml(text)
     except ConfigError as error:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from av_common.geodesy import error_degrees
+from av_common.geodesy import enu_to_geodetic
 from av_reports.contacts import LIKELY, BearingTrack, Place, PositionTrack, compass_deg
 from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import (
@@ -88,8 +88,8 @@ def location_message(place: Place, sigma: Sequence[float] = ()) -> Any:
                      coordinate_system=location.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M)
     east, north, up = sigma or (place.sigma,) * 3
     if all(map(math.isfinite, (east, north, up))):
-        found.x_error, found.y_error = error_degrees(east, north, place.latitude)
-        found.z_error = up
+        latitude, found.x_error, _ = enu_to_geodetic((east, north, 0.0), (place.latitude, 0.0, 0.0))
+        found.y_error, found.z_error = abs(latitude - place.latitude), up
     return found
 
 
