@@ -28,17 +28,6 @@ UNCONFIRMED = 3        # configurations of version 1, to which PX4 does not repl
 
 
 @dataclass(frozen=True)
-class Register:
-    """A request to register an external mode.
-
-    Parameters:
-        request_id: number that the reply repeats
-    """
-
-    request_id: int
-
-
-@dataclass(frozen=True)
 class Registration:
     """A registration that PX4 has granted.
 
@@ -95,8 +84,8 @@ class ExternalMode:
         self._next = time + SETTLE_S
         self._ended += [former] if former and former != self.registration else []
 
-    def step(self, time: float, heard: bool, status: VehicleStatus | None = None) -> Register | Registration | Configure | None:
-        """What to send: a request, a registration to end, or a configuration; None if nothing is due.
+    def step(self, time: float, heard: bool, status: VehicleStatus | None = None) -> int | Registration | Configure | None:
+        """What to send: the number of a request, a registration to end, or a configuration; None if nothing is due.
 
         Parameters:
             time (s): monotonic
@@ -123,7 +112,7 @@ class ExternalMode:
             return None
         self._next = time + RETRY_S
         self._requests = [*self._requests[-9:], random.getrandbits(63)]
-        return Register(self._requests[-1])
+        return self._requests[-1]
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
                  arming_check_id: int, mode_id: int, armed: bool = False) -> None:

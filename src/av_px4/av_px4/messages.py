@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_px4.commands import COMPONENT, Command
-from av_px4.external_mode import MODE_NAME, Configure, Register, Registration
+from av_px4.external_mode import MODE_NAME, Configure, Registration
 from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
@@ -66,11 +66,11 @@ def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate
         jerk=nothing, yaw=math.nan, yawspeed=-yaw_rate if yaw_rate else math.nan)
 
 
-def register_message(messages: Any, timestamp: int, request: Register) -> Any:
+def register_message(messages: Any, timestamp: int, request_id: int) -> Any:
     """The RegisterExtComponentRequest of a mode and its arming check."""
     version = getattr(messages.RegisterExtComponentRequest, 'LATEST_PX4_ROS2_API_VERSION', 1)
     message = messages.RegisterExtComponentRequest(
-        timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=version, register_arming_check=True,
+        timestamp=timestamp, request_id=request_id, px4_ros2_api_version=version, register_arming_check=True,
         register_mode=True)
     message.name = characters(MODE_NAME, message.name)
     return message

@@ -23,7 +23,7 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
 from av_px4.continuity import HeldPosition
-from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Register, Registration
+from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Registration
 from av_px4.frames import pose_from_px4
 from av_px4.gimbal import DEFAULT_MOUNT, AfterTakeover, Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
@@ -298,7 +298,7 @@ class Px4Stage:
             return [self._out('unregister_ext_component', px4.unregister_message, step)]
         if isinstance(step, Configure):
             return [Outgoing(*px4.configure_message(self._messages, 0, step))]
-        return [self._out('register_ext_component_request', px4.register_message, step)] if isinstance(step, Register) else []
+        return [self._out('register_ext_component_request', px4.register_message, step)] if step is not None else []
 
     def _step(self) -> list[Outgoing]:
         inputs, out = self._guard_inputs(), []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from av_px4.external_mode import REFUSED_S, SETTLE_S, Configure, ExternalMode, Register, Registration
+from av_px4.external_mode import REFUSED_S, SETTLE_S, Configure, ExternalMode, Registration
 from av_px4.handover import VehicleStatus
 
 HOVER = VehicleStatus(4, True, False)
@@ -15,7 +15,7 @@ def registered(time=0.0, mode_id=23, version=1):
     mode = ExternalMode()
     mode.start(time - SETTLE_S)
     request = mode.step(time, True)
-    mode.on_reply(time, request.request_id, 'AV Track', version, True, 2, mode_id)
+    mode.on_reply(time, request, 'AV Track', version, True, 2, mode_id)
     for k in range(3 if version == 1 else 0):    # configurations
         assert isinstance(mode.step(time + 0.11 * k, True), Configure)
     return mode
@@ -33,7 +33,7 @@ class TestExternalMode:
         mode.start(-SETTLE_S)
         requests = [mode.step(0.1 * k, True) for k in range(110)]
         asked = [request for request in requests if request]
-        assert len(asked) == 3 and isinstance(asked[0], Register) and len({request.request_id for request in asked}) == 3
+        assert len(asked) == 3 and isinstance(asked[0], int) and len(set(asked)) == 3
 
     def test_asks_only_while_px4_is_heard_and_for_a_second_before(self):
         """What is sent into a stall would arrive in a crowd, and each of it be granted."""
@@ -65,7 +65,7 @@ class TestExternalMode:
         assert mode.step(7.6, False) is None and mode.registration is None
         sent = steps(mode, 7.6, 12.0)
         assert list(sent) == [8.6, 9.6] and sent[8.6] == Registration(2, 23)
-        assert isinstance(sent[9.6], Register)
+        assert isinstance(sent[9.6], int)
 
     @pytest.mark.parametrize(('status', 'ended'), [
         (VehicleStatus(23, True, False), False), (VehicleStatus(5, True, True, intended=23), False),
@@ -81,15 +81,15 @@ class TestExternalMode:
         mode, former = ExternalMode(), Registration(0, 24)
         mode.start(0.0, former)
         sent = list(steps(mode, 0.0, 4.5).values())
-        assert sent[0] == former and [type(step) for step in sent[1:]] == [Register]
+        assert sent[0] == former and [type(step) for step in sent[1:]] == [int]
 
     def test_what_is_granted_twice_is_ended_once(self):
         """The reply to the first request was late, and PX4 has granted both."""
         mode = ExternalMode()
         mode.start(-SETTLE_S)
         first, second = mode.step(0.0, True), mode.step(5.0, True)
-        mode.on_reply(5.1, first.request_id, 'AV Track', 1, True, 0, 23)
-        mode.on_reply(5.2, second.request_id, 'AV Track', 1, True, 1, 24)
+        mode.on_reply(5.1, first, 'AV Track', 1, True, 0, 23)
+        mode.on_reply(5.2, second, 'AV Track', 1, True, 1, 24)
         assert [step for step in steps(mode, 5.3, 8.3).values() if not isinstance(step, Configure)] == [
             Registration(1, 24)]
         assert mode.registration == Registration(0, 23)
@@ -108,20 +108,20 @@ class TestExternalMode:
         """And ended, where PX4 has granted it; a version that is not spoken is not asked for again."""
         mode = ExternalMode()
         mode.start(-SETTLE_S)
-        reply = {'request_id': mode.step(0.0, True).request_id, 'name': 'AV Track', 'api_version': 1, 'success': True,
+        reply = {'request_id': mode.step(0.0, True), 'name': 'AV Track', 'api_version': 1, 'success': True,
                  'arming_check_id': 0, 'mode_id': 23, **fields}
         mode.on_reply(0.0, **reply)
         assert problem in mode.problem and mode.active_mode(0.0) is None
         sent = steps(mode, 0.1, 30.0)
         ended = [time for time, step in sent.items() if isinstance(step, Registration)]
         assert len(ended) == reply['success'] and all(time <= 2.1 for time in ended)
-        asked = [time for time, step in sent.items() if isinstance(step, Register)]
+        asked = [time for time, step in sent.items() if isinstance(step, int)]
         assert asked == [] if 'api_version' in fields else asked[0] >= REFUSED_S
 
     def test_a_refusal_while_armed_holds_until_it_is_disarmed(self):
         mode = ExternalMode()
         mode.start(-SETTLE_S)
-        mode.on_reply(0.0, mode.step(0.0, True, HOVER).request_id, 'AV Track', 1, False, -1, -1, armed=True)
+        mode.on_reply(0.0, mode.step(0.0, True, HOVER), 'AV Track', 1, False, -1, -1, armed=True)
         assert not steps(mode, 0.1, 60.0) and 'armed' in mode.problem
         assert steps(mode, 60.0, 62.0, VehicleStatus(4, False, False))
 
@@ -149,7 +149,7 @@ class TestExternalMode:
     def test_replies_to_others_are_ignored(self):
         mode = ExternalMode()
         mode.start(-SETTLE_S)
-        number = mode.step(0.0, True).request_id
+        number = mode.step(0.0, True)
         mode.on_reply(0.0, number + 1, 'AV Track', 1, True, 0, 23)
         mode.on_reply(0.0, number, 'Other', 1, True, 0, 23)
         assert mode.registration is None and mode.on_question(0.0, True) is None
