@@ -17,7 +17,7 @@ AGREEMENT_ERROR_S = 0.015    # of offsets before and after the middle of that ti
 FEWEST = 4               # stamps that can agree
 MAJORITY = 3             # ratio to the stamps that agree with the present offset, for a restart
 SPACING_S = 0.005        # arrivals closer than this count once, so that a flood has no more weight than a stream
-STEP_S = 0.1             # interval between corrections; silence of a candidate after which another may take its place
+STEP_S = 0.1             # interval between corrections
 DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
 UNSEEN_DRIFT = 1e-4      # slew (s/s), either way, while the sender is late: twice that of crystals
 CHASE = 0.5              # slew (s/s) after a deviation of more than EARLY_S for a whole second
@@ -236,12 +236,8 @@ class SenderClock:
     def _propose(self, now: float, offset: float) -> bool:
         """Add an arrival to the candidates; True when it completes an agreement, and is not before its offset."""
         candidate = self._candidate(now, offset)
-        if candidate is None:
-            return False
         if self._accepted is not None:
-            others, count = self._accepted.count(now), candidate.count(now)
-            most = max(other.count(now) for other in self._candidates)
-            if not (candidate.agrees and count >= most and count > MAJORITY * others):
+            if not (candidate.agrees and candidate.count(now) > MAJORITY * self._accepted.count(now)):
                 return False
             self.restarts += self.settled
             self.settled = True
@@ -250,17 +246,14 @@ class SenderClock:
         self._newest, self._corrected = -math.inf, now
         return offset >= self._offset - self._early
 
-    def _candidate(self, now: float, offset: float) -> _Offset | None:
-        """The candidate that an arrival joins or begins, None when there is no place for another."""
+    def _candidate(self, now: float, offset: float) -> _Offset:
+        """The candidate that an arrival joins or begins."""
         self._candidates = [other for other in self._candidates if other.end >= now - 2.0 * AGREEMENT_S]
         joined = next((candidate for candidate in self._candidates if candidate.fits(offset)), None)
         if joined is not None:
             joined.add(now, offset)
             return joined
         if len(self._candidates) >= MOST_CANDIDATES:
-            silent = [other for other in self._candidates if other.end < now - STEP_S]
-            if not silent:
-                return None
-            self._candidates.remove(min(silent, key=lambda other: other.count(now)))
+            self._candidates.remove(min(self._candidates, key=lambda other: other.count(now)))
         self._candidates.append(_Offset(now, offset))
         return self._candidates[-1]
