@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from av_common.angles import angles_to_direction
 from av_common.config_reader import ConfigError, bounded, load
@@ -231,6 +230,7 @@ class _ArrayFile:
 
 def _check_gap(positions: NDArray) -> None:
     """Raise ValueError where some microphones (m, 3) are farther from all others than an array can be, with the likely unit."""
+    from scipy.sparse.csgraph import minimum_spanning_tree  # of SciPy only what loads an array needs
     distances = np.linalg.norm(positions[:, None] - positions, axis=2)
     gap = minimum_spanning_tree(distances).max()
     if gap > WIDEST_GAP_M:

@@ -28,27 +28,51 @@ LATEST_S = 1.0  # how long before a capture time the newest transform may be for
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
 
 
-class GuardedTransformListener:
-    """Adds the transforms of tf and tf_static to a buffer, and refuses those after which it would not find others.
+class TfRotations:
+    """Looks up how sensor frames are rotated on the rig's body, at the time of a measurement: they may move.
 
-    The topics are relative, where tf2_ros has /tf and /tf_static: the frames of two rigs have the same names. Refused are an
-    ancestor that becomes a child of its descendant; a stamp of the future, after which tf2 takes no earlier one; a frame that
-    was fixed and now moves; and frames without number. What is refused is raised as ValueError once the rest of the message is
-    added, for the guard of the node's subscriptions to count.
+    The topics are relative, where tf2_ros has /tf and /tf_static: the frames of two rigs have the same names. Transforms after
+    which the buffer would not find others are refused: an ancestor that becomes a child of its descendant; a stamp of the
+    future, after which tf2 takes no earlier one; a frame that was fixed and now moves; and frames without number. What is
+    refused is raised as ValueError once the rest of the message is added, for the guard of the node's subscriptions to count.
+
+    Attributes:
+        problem: why the newest look-up failed, empty when it did not.
 
     Parameters:
-        buffer: gets the transforms.
-        node: subscribes.
+        node: subscribes to tf.
+        nearest (s): how long after the newest transform that one is taken.
         namespace: of the rig, such as '/left/'; empty for that of the node.
     """
 
-    def __init__(self, buffer: Buffer, node: Node, namespace: str = '') -> None:
+    def __init__(self, node: Node, nearest: float = NEAREST_S, namespace: str = '') -> None:
+        self.problem = ''
+        self._nearest, self._buffer = nearest, Buffer()
         self._parents: dict[str, str] = {}
         self._fixed: set[str] = set()
         self._clock, self._now = node.get_clock(), -math.inf
-        self._buffer = buffer
+        self._topic = node.resolve_topic_name(f'{namespace}tf_static')
         node.create_subscription(TFMessage, f'{namespace}tf', self.callback, MOVING_QOS)
         node.create_subscription(TFMessage, f'{namespace}tf_static', self.static_callback, FRAMES)
+
+    def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
+        """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
+
+        The newest transform is taken for a time that is up to `nearest` later. Raises NotYetKnownError where a transform of
+        that time may still come.
+        """
+        self.problem = ''
+        try:
+            newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
+            late = time - newest if newest else 0.0
+            if self._nearest < late <= LATEST_S:
+                raise NotYetKnownError(f'no transform from {frame!r} to {BASE_FRAME!r} of the capture time yet')
+            at = newest if 0.0 < late <= self._nearest else time
+            found = self._buffer.lookup_transform(BASE_FRAME, frame, Time(nanoseconds=round(1e9 * at)))
+        except TransformException as error:
+            self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}: {error}'
+            return None
+        return np.asarray(quat2mat(attitude_of(found.transform.rotation)))
 
     def callback(self, data: TFMessage) -> None:
         """Take moving frames."""
@@ -102,42 +126,3 @@ class GuardedTransformListener:
         if fixed:
             self._fixed.add(child)
         return ''
-
-
-class TfRotations:
-    """Looks up how sensor frames are rotated on the rig's body, at the time of a measurement: they may move.
-
-    Attributes:
-        problem: why the newest look-up failed, empty when it did not.
-
-    Parameters:
-        node: subscribes to tf.
-        nearest (s): how long after the newest transform that one is taken.
-        namespace: see `GuardedTransformListener`.
-    """
-
-    def __init__(self, node: Node, nearest: float = NEAREST_S, namespace: str = '') -> None:
-        self.problem = ''
-        self._nearest = nearest
-        self._buffer = Buffer()
-        self._topic = node.resolve_topic_name(f'{namespace}tf_static')
-        self._listener = GuardedTransformListener(self._buffer, node, namespace)
-
-    def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
-        """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
-
-        The newest transform is taken for a time that is up to `nearest` later. Raises NotYetKnownError where a transform of
-        that time may still come.
-        """
-        self.problem = ''
-        try:
-            newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
-            late = time - newest if newest else 0.0
-            if self._nearest < late <= LATEST_S:
-                raise NotYetKnownError(f'no transform from {frame!r} to {BASE_FRAME!r} of the capture time yet')
-            at = newest if 0.0 < late <= self._nearest else time
-            found = self._buffer.lookup_transform(BASE_FRAME, frame, Time(nanoseconds=round(1e9 * at)))
-        except TransformException as error:
-            self.problem = f'no transform from {frame!r} to {BASE_FRAME!r} on {self._topic}: {error}'
-            return None
-        return np.asarray(quat2mat(attitude_of(found.transform.rotation)))

@@ -24,8 +24,8 @@ def tf():
     rotations = TfRotations(node)
     rotations.node = node
     rotations.now = math.floor(1e-9 * node.get_clock().now().nanoseconds)    # a number that a float holds
-    rotations.fixed = rotations._listener.static_callback
-    rotations.moving = rotations._listener.callback
+    rotations.fixed = rotations.static_callback
+    rotations.moving = rotations.callback
     yield rotations
     node.destroy_node()
     rclpy.shutdown()

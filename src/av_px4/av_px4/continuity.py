@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
-from transforms3d.euler import euler2quat
-from transforms3d.quaternions import qmult, quat2mat
+from transforms3d.axangles import axangle2mat
+from transforms3d.quaternions import axangle2quat, qmult, quat2mat
 
 from av_common.angles import wrap
 from av_px4.frames import Pose
 
+UP = (0.0, 0.0, 1.0)
 LONGEST_GAP = 0.5  # s, longest interval over which a pose is extrapolated by its own rates
 
 
@@ -43,17 +42,17 @@ class ContinuousPose:
 
     def _correct(self, dt: float, before: Pose, after: Pose) -> None:
         yaw = before.yaw + before.rate_flu[2] * dt
-        expected = self._moved(before).position + _turned(
-            quat2mat(before.attitude_wxyz) @ before.velocity_flu, self._turn) * dt
+        moved = self._moved(before)
+        expected = moved.position + quat2mat(moved.attitude_wxyz) @ moved.velocity_flu * dt
         self._turn = float(wrap(self._turn + float(wrap(yaw - after.yaw))))
-        self._shift = expected - _turned(after.position, self._turn)
+        self._shift = expected - axangle2mat(UP, self._turn) @ after.position
         self.resets += 1
 
     def _moved(self, pose: Pose) -> Pose:
         if not self.resets:
             return pose
-        attitude = qmult(euler2quat(0.0, 0.0, self._turn), pose.attitude_wxyz)
-        return Pose(_turned(pose.position, self._turn) + self._shift, attitude, pose.velocity_flu, pose.rate_flu)
+        attitude = qmult(axangle2quat(UP, self._turn), pose.attitude_wxyz)
+        return Pose(axangle2mat(UP, self._turn) @ pose.position + self._shift, attitude, pose.velocity_flu, pose.rate_flu)
 
 
 class HeldPosition:
@@ -96,8 +95,3 @@ class HeldPosition:
     def release(self) -> None:
         """Stop holding; the next call of `hold` selects the position of that time."""
         self.held = None
-
-
-def _turned(vector: NDArray, angle: float) -> NDArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])

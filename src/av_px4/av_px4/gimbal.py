@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
@@ -256,7 +257,6 @@ def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:
     if vehicle and earth:
         raise ValueError('the gimbal reports yaw in the frames of vehicle and earth at once')
     if earth or (not vehicle and message.device_flags & YAW_LOCK):
-        c, s = math.cos(yaw), math.sin(yaw)
-        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ quat2mat(attitude_ned_to_enu(message.q))
+        return np.asarray(axangle2mat((0.0, 0.0, 1.0), -yaw) @ quat2mat(attitude_ned_to_enu(message.q)))
     w, x, y, z = map(float, message.q)
     return quat2mat((w, x, -y, -z))  # FRD to FLU on either side
