@@ -11,7 +11,9 @@ in a row is not started again.
 
 The executor of each node and the simulator write a heartbeat (`av_common.launched.beat`). A process whose heartbeat stands
 still for SILENT_CHECKS checks of the launch in a row hangs, or is stopped: it is killed, so that the rules above hold for it,
-too. Checks are counted instead of seconds, so that no process is blamed for a pause of the whole machine.
+too. Checks are counted instead of seconds, so that no process is blamed for a pause of the whole machine; and of a process
+that would run, by the share of a processor that it is given, as one of low priority gets none for long while the machine is
+busy.
 """
 
 from __future__ import annotations
@@ -48,6 +50,42 @@ MOST_RESTARTS = 3  # what fails four times in a row is no accident
 CHECK_PERIOD_S = 0.5  # the period of heartbeats
 # Checks in a row without a new heartbeat: 8 s; and 300 s in a transition, in which a model is compiled or a bag is closed.
 SILENT_CHECKS, BUSY_CHECKS = 16, 600
+PROCESSES = Path('/proc')
+
+
+class Pulse:
+    """Judges the heartbeats of processes. Those that have none are never judged."""
+
+    def __init__(self) -> None:
+        self._newest: dict[int, tuple[str, float]] = {}  # heartbeat, and for how many checks it has stood still
+        self._ran: dict[int, float] = {}  # s, for which a process has run
+
+    def hangs(self, process: int, heartbeat: str) -> bool:
+        """Whether a process hangs, at a further check.
+
+        Parameters:
+            process: its id.
+            heartbeat: what its file holds.
+        """
+        before, silent = self._newest.get(process, ('', 0))
+        silent = silent + self._given(process) if heartbeat == before else 0.0
+        self._newest[process] = heartbeat, silent
+        return bool(heartbeat) and silent >= (BUSY_CHECKS if heartbeat.startswith('busy') else SILENT_CHECKS)
+
+    def forget(self, process: int) -> None:
+        """Forget a process that has ended."""
+        self._newest.pop(process, None)
+        self._ran.pop(process, None)
+
+    def _given(self, process: int) -> float:
+        """Share of a processor that a process was given since the check before; 1 for one that asks for none."""
+        threads = []
+        for file in (PROCESSES / str(process) / 'task').glob('*/stat'):
+            with suppress(OSError):  # ended meanwhile
+                threads.append(file.read_text().rpartition(')')[2].split())  # from field 3 of proc(5) on
+        ran = sum(int(fields[11]) + int(fields[12]) for fields in threads) / os.sysconf('SC_CLK_TCK')
+        before, self._ran[process] = self._ran.get(process, ran), ran
+        return min((ran - before) / CHECK_PERIOD_S, 1.0) if any(fields[0] == 'R' for fields in threads) else 1.0
 
 
 class Supervision:
@@ -70,8 +108,7 @@ class Supervision:
         self._restarts: Counter[ExecuteProcess] = Counter()
         self._failures: Counter[ExecuteProcess] = Counter()    # failed starts in a row
         self._hangs: Counter[ExecuteProcess] = Counter()
-        self._beats: dict[int, tuple[str, int]] = {}    # newest heartbeat, and for how many checks it has stood still
-        self._killed: set[int] = set()    # ids of processes that hung
+        self._pulse, self._killed = Pulse(), set[int]()    # ids of processes that hung
 
     def entities(self) -> list[LaunchDescriptionEntity]:
         """Event handlers and timers of the launch, to be placed before the processes."""
@@ -90,16 +127,10 @@ class Supervision:
         for process in self._processes:
             details = process.process_details or {}
             number = details.get('pid', 0)
-            if number and number not in self._killed and self._stands_still(number, _heartbeat(details, number)):
+            if number and number not in self._killed and self._pulse.hangs(number, _heartbeat(details, number)):
                 self._killed.add(number)
                 with suppress(ProcessLookupError):
                     os.kill(number, signal.SIGKILL)
-
-    def _stands_still(self, number: int, heartbeat: str) -> bool:
-        before, silent = self._beats.get(number, ('', 0))
-        silent = silent + 1 if heartbeat == before else 0
-        self._beats[number] = heartbeat, silent
-        return bool(heartbeat) and silent >= (BUSY_CHECKS if heartbeat.startswith('busy') else SILENT_CHECKS)
 
     def _on_exit(self, event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
         """Count the end of a process. Raises RuntimeError, which ends the launch, by the rules."""
@@ -131,7 +162,7 @@ class Supervision:
     def _forget(self, number: int, started: Path) -> None:
         """Forget a process that has ended, whose id another one may get."""
         started.unlink(missing_ok=True)
-        self._beats.pop(number, None)
+        self._pulse.forget(number)
         self._killed.discard(number)
 
     def _on_monitor_exit(self, code: int, end: str) -> list[LaunchDescriptionEntity]:

@@ -169,6 +169,24 @@ def test_a_process_whose_heartbeat_stands_still_is_killed_and_counted(name, hear
         assert rig.restarts(name) == 2 and rig.processes[name].process_details['env'][HUNG] == '1'
 
 
+@pytest.mark.parametrize(('state', 'ticks', 'most'), [
+    ('S', 0, SILENT_CHECKS), ('T', 0, SILENT_CHECKS), ('R', 50, SILENT_CHECKS + 1), ('R', 5, 10 * SILENT_CHECKS + 1),
+    ('R', 0, 10**9)])
+def test_a_process_that_waits_for_a_processor_does_not_hang(state, ticks, most, tmp_path, monkeypatch):
+    """One that sleeps, is stopped or spins does; one that is given a tenth of a processor has ten times as long."""
+    monkeypatch.setattr(supervision, 'PROCESSES', tmp_path)
+    monkeypatch.setattr(os, 'sysconf', lambda _: 100)
+    pulse, folder = supervision.Pulse(), tmp_path / '7' / 'task'
+    for thread in ('7', '8'):
+        (folder / thread).mkdir(parents=True)
+    (folder / '8' / 'stat').write_text('8 (a) b) S ' + '0 ' * 40)
+    for check in range(400):
+        (folder / '7' / 'stat').write_text(f'7 (node) {state} {"0 " * 10}{ticks * check} 0 {"0 " * 30}')
+        if pulse.hangs(7, 'a heartbeat'):
+            break
+    assert check == min(most, 399)
+
+
 PROGRAM = """
 import os, time
 from av_common.launched import HUNG, beat, restarts
