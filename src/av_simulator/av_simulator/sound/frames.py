@@ -48,10 +48,6 @@ class FrameMaker:
         self.frequency_hz = np.fft.rfftfreq(2 * self._half, 1.0 / sample_rate)
         self._before: tuple[NDArray, NDArray] | None = None
 
-    def restart(self) -> None:
-        """Forget the frame before, from which the next one is faded."""
-        self._before = None
-
     def make(self, sent: NDArray, factors: NDArray, spread: int) -> Frame:
         """The signals of one frame.
 

@@ -77,13 +77,19 @@ class Box:
         """Height of the upper end (m, z in ENU)."""
         return self.center[2] + self.size[2] / 2.0
 
-    def faces(self) -> Iterator[Face]:
-        """The vertical faces and the top."""
+    def faces(self) -> Iterator[tuple[NDArray, float]]:
+        """Outward unit normals ((3,)) and offsets (m, normal @ point) of the planes of the vertical faces and the top."""
         for here, there in zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True):
             edge = (there - here) / np.hypot(*(there - here))
             normal = np.array([edge[1], -edge[0], 0.0])
-            yield Face(normal, float(normal[:2] @ here), self)
-        yield Face(np.array([0.0, 0.0, 1.0]), self.top, self)
+            yield normal, float(normal[:2] @ here)
+        yield np.array([0.0, 0.0, 1.0]), self.top
+
+    def holds(self, point: NDArray) -> bool:
+        """Whether a point (m, (3,)) of a face's plane lies on the face."""
+        edge = np.roll(self.footprint, -1, axis=0) - self.footprint
+        inward = edge[:, 0] * (point[1] - self.footprint[:, 1]) - edge[:, 1] * (point[0] - self.footprint[:, 0])
+        return bool(inward.min() > -1e-6 and self.bottom <= point[2] <= self.top + 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,33 +121,6 @@ class Trunk:
 
 OBSTACLES = {'box': Box, 'trunk': Trunk}  # classes by their names in scenarios
 Obstacle = Box | Trunk
-
-
-@dataclass(frozen=True)
-class Face:
-    """A face of a box.
-
-    Parameters:
-        normal ((3,)): outward unit normal.
-        offset (m): offset of the plane, normal @ point = offset.
-        box: the box to which the face belongs.
-    """
-
-    normal: NDArray
-    offset: float
-    box: Box
-
-    @property
-    def upright(self) -> bool:
-        """Whether the face is vertical."""
-        return self.normal[2] == 0.0
-
-    def holds(self, point: NDArray) -> bool:
-        """Whether a point (m, (3,)) of the plane lies on the face."""
-        here = self.box.footprint
-        edge = np.roll(here, -1, axis=0) - here
-        inward = edge[:, 0] * (point[1] - here[:, 1]) - edge[:, 1] * (point[0] - here[:, 0])
-        return bool(inward.min() > -1e-6 and self.box.bottom <= point[2] <= self.box.top + 1e-6)
 
 
 def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray | None:

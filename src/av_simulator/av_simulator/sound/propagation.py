@@ -37,7 +37,7 @@ class Propagation:
                  medium: Medium, surroundings: Surroundings):
         self._rate, self._ratio = sample_rate, clock_ratio
         self._sources, self._medium = list(sources), medium
-        self._maker = FrameMaker(sample_rate, signals)
+        self._signals, self._maker = signals, FrameMaker(sample_rate, signals)
         frequency = self._maker.frequency_hz
         self._air = medium.absorption_db_per_m(frequency) if medium.absorption else np.zeros(len(frequency))
         self._rays = rays_of(surroundings, frequency, medium.speed_of_sound)
@@ -49,7 +49,7 @@ class Propagation:
     def restart(self) -> None:
         """Render next a block that does not follow the one before."""
         self._frames.clear()
-        self._maker.restart()
+        self._maker = FrameMaker(self._rate, self._signals)
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
         """Pressure (Pa, (m, samples)) in one block.

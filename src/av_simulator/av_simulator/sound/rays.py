@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_simulator.sound.ground import Ground
-from av_simulator.sound.obstacles import Box, Face, Obstacle, detours, reflection_factor
+from av_simulator.sound.obstacles import Box, Obstacle, detours, reflection_factor
 from av_simulator.sound.surroundings import Room, Surroundings
 
 _MARGIN_M = 1.5  # m, distance from the path beyond which an edge has an effect below 100 Hz only
@@ -95,10 +95,10 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
     for obstacle in surroundings.obstacles:
         if isinstance(obstacle, Box) and obstacle.reflects:
             kept = reflection_factor(obstacle.absorption, frequency_hz)
-            for face in obstacle.faces():
-                rays.append(_reflected(shade, None, face, kept))
-                if ground is not None and face.upright:
-                    rays.append(_reflected(shade, ground, face, kept))
+            for plane in obstacle.faces():
+                rays.append(_reflected(shade, None, obstacle, plane, kept))
+                if ground is not None and plane[0][2] == 0.0:    # upright
+                    rays.append(_reflected(shade, ground, obstacle, plane, kept))
     if surroundings.room is not None:
         rays.extend(_room_rays(surroundings.room, frequency_hz))
     return rays
@@ -136,18 +136,20 @@ class Shade:
         return occlusion(close, start, end, self.frequency_hz, self.speed_of_sound)
 
 
-def _reflected(shade: Shade, ground: Ground | None, face: Face | None = None, kept: NDArray | float = 1.0) -> Ray:
-    """The ray reflected by a face, by the ground, or by both.
+def _reflected(shade: Shade, ground: Ground | None, box: Box | None = None,
+               plane: tuple[NDArray, float] = (np.array([0.0, 0.0, 1.0]), 0.0), kept: NDArray | float = 1.0) -> Ray:
+    """The ray reflected by a face of a box, by the ground, or by both.
 
     Parameters:
         shade: attenuation by obstacles.
         ground: None for a ray that it does not reflect.
-        face: None for a ray that only the ground reflects.
+        box: None for a ray that only the ground reflects.
+        plane: normal ((3,)) and offset (m) of the face, or of the ground.
         kept ((F,)): reflection factor of the face.
     """
-    normal, offset, box = (np.array([0.0, 0.0, 1.0]), 0.0, None) if face is None else (face.normal, face.offset, face.box)
+    normal, offset = plane
     mirror, shift = np.eye(3) - 2.0 * np.outer(normal, normal), 2.0 * offset * normal
-    if face is not None and ground is not None:
+    if box is not None and ground is not None:
         mirror = mirror @ np.diag([1.0, 1.0, -1.0])
 
     def factor(source: NDArray, receiver: NDArray) -> NDArray | None:
@@ -156,9 +158,9 @@ def _reflected(shade: Shade, ground: Ground | None, face: Face | None = None, ke
             return None
         path = mirror @ receiver + shift - source
         touched = source + path * (before / max(before + behind, 1e-9))
-        if face is not None and ground is not None:
+        if box is not None and ground is not None:
             touched[2] = abs(touched[2])
-        if face is not None and not face.holds(touched):
+        if box is not None and not box.holds(touched):
             return None
         reflected = kept * shade.factor(source, touched, box) * shade.factor(touched, receiver, box)
         if ground is None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from av_simulator.sound.medium import Medium
-from av_simulator.sound.noise import Noise
+from av_simulator.sound.noise import Noise, Snr
 from av_simulator.sound.propagation import Propagation
 from av_simulator.sound.reverberation import Reverberation
 from av_simulator.sound.source import Source
@@ -54,7 +54,6 @@ class SoundWorld:
         self._noise_stream: Stream | None = None
         self._noise_gain = 1.0
         self._next = 0
-        self._source_power = self._power_of_reference()
 
     def skip(self, n: int) -> None:
         """Leave out the next `n` samples. What follows is as if they had been rendered, but for 20 ms and for reverberation."""
@@ -93,15 +92,12 @@ class SoundWorld:
         snr = self._noise.snr
         if snr is not None:
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
-            wanted = self._source_power / 10.0 ** (snr.ratio_db / 10.0)
+            wanted = self._power_of_reference(snr) / 10.0 ** (snr.ratio_db / 10.0)
             self._noise_gain = float(np.sqrt(wanted / band_power(steady, self._rate, snr.band_hz)))
         return noise
 
-    def _power_of_reference(self) -> float:
+    def _power_of_reference(self, snr: Snr) -> float:
         """In-band power (Pa^2) at one microphone of the source to which the signal-to-noise ratio refers."""
-        snr = self._noise.snr
-        if snr is None:
-            return 0.0
         if not self._sources:
             raise ValueError('snr is given without a source')
         power = band_power(self._signals[0], self._rate, snr.band_hz)
