@@ -120,18 +120,15 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
             begin = world.time
             sound = world.advance(world.sample_rate // BLOCKS_PER_SECOND)
             views = [world.view(round(time * image_rate), time) for time in times(begin, world.time, image_rate)]
-            yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views] if camera else [],
-                       truth_samples(world, times(begin, world.time, truth_rate)))
+            at = times(begin, world.time, truth_rate)
+            targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
+            gimbal = [world.gimbal_sample(round(time * world.sample_rate), time) for time in at]
+            truth = [TruthSample(time, world.rig_state(time), states, measured)
+                     for time, measured, *states in zip(at, gimbal, *targets, strict=True)]
+            yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views] if camera else [], truth)
     finally:
         if camera is not None:
             camera.close()
-
-
-def truth_samples(world: World, at: list[float]) -> list[TruthSample]:
-    """The true states of a world at times `at` (s) within its newest step."""
-    targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
-    return [TruthSample(time, world.rig_state(time), states, world.gimbal_sample(round(time * world.sample_rate), time))
-            for time, *states in zip(at, *targets, strict=True)]
 
 
 def times(begin: float, end: float, rate: float) -> list[float]:

@@ -114,22 +114,6 @@ def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: f
     return cv2.filter2D(bgr, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
 
 
-def contrast_left(view: View, transmission: float, thermal: bool = False) -> float:
-    """Factor on the contrast of an object after the air: of an image that is too dark or overexposed (0 to 1).
-
-    Of a thermal camera: how much more of the heat passes the air than of the light (1 or more).
-
-    Parameters:
-        view: light and exposure.
-        transmission (0 to 1): of visible light by the air before the object.
-        thermal: whether the camera sees heat.
-    """
-    if thermal:
-        return float(max(transmission, 1e-9) ** (FOG_SHARE - 1.0))
-    light = view.daylight * view.exposure
-    return float(min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0))
-
-
 def apparent_temperature(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_depth: NDArray, air_c: float) -> NDArray:
     """Apparent temperatures (deg C, (height, width), float32).
 

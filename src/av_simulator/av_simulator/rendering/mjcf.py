@@ -34,19 +34,17 @@ def rotor_joint(number: int, rotor: int) -> str:
 
 def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tuple[float, int]], size: tuple[int, int],
           fovy_deg: float, seed: int) -> tuple[str, dict[str, bytes]]:
-    """XML and assets of the model of a scene. Raises ValueError for more than MOST_DRONES drones.
+    """XML and assets of the model of a scene.
 
     Parameters:
         solids: static solids.
         ground: name of the ground's texture.
         sky: whether there is a sky; else the light is that of a hall.
-        drones: size (m) and number of rotors of each drone.
+        drones: size (m) and number of rotors of each of at most MOST_DRONES drones.
         size (px): width and height of the images.
         fovy_deg (deg): vertical field of view.
         seed: seed of the textures.
     """
-    if len(drones) > MOST_DRONES:
-        raise ValueError(f'targets: {len(drones)} drones, expected at most {MOST_DRONES} for rendering')
     root = ET.Element('mujoco')
     _settings(root, size, fovy_deg, sky)
     asset, world = _add(root, 'asset'), _add(root, 'worldbody')

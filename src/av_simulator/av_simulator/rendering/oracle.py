@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
-from av_simulator.rendering.camera_effects import contrast_left
+from av_simulator.rendering.camera_effects import FOG_SHARE
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Appearance, Box, Drone, TruthBox, View, appearance, outline, reported, rotor_hubs, score
 
@@ -65,7 +65,12 @@ def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[
     if seen is None or shown is None:
         return TruthBox(drone.target_id, None, 0.0, transmission)
     box, share = shown
-    value = score(seen.width_px, transmission * contrast_left(view, transmission, thermal), share * seen.in_view)
+    if thermal:    # more of the heat passes the air than of the light
+        left = max(transmission, 1e-9) ** (FOG_SHARE - 1.0)
+    else:          # an image that is too dark or overexposed has less contrast
+        light = view.daylight * view.exposure
+        left = min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0)
+    value = score(seen.width_px, transmission * left, share * seen.in_view)
     return TruthBox(drone.target_id, box, share, transmission, value)
 
 

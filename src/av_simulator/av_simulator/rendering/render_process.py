@@ -20,7 +20,7 @@ from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.flat_renderer import FlatRenderer
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import Renderer, View
+from av_simulator.rendering.view import View
 
 MOST_WAITING = 2       # maximum number of requested views; more would only add delay
 PATIENCE = 60.0        # s, limit for the first image, which includes loading of libraries and compilation of shaders
@@ -30,6 +30,7 @@ JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 log = logging.getLogger('simulator')
 
 RENDERERS = ('auto', 'scene', 'flat')
+Renderer = SceneRenderer | FlatRenderer    # the same view gives the same image
 RendererFactory = Callable[..., Renderer]    # `make_renderer` but for `kind` and `everything`
 
 

@@ -281,6 +281,7 @@ class _Lens:
         half_x, half_y = np.abs(plane).max(axis=0)
         focal = max(camera.fx, camera.fy)
         self.size = (2 * int(np.ceil(half_x * focal) + 1), 2 * int(np.ceil(half_y * focal) + 1))
+        self.whole = Crop(0, 0, *self.size)
         self.fovy_deg = float(np.rad2deg(2 * np.arctan(self.size[1] / 2 / focal)))
         centre = (np.array(self.size) - 1) / 2
         places = (plane * focal + centre).astype(np.float32)
@@ -290,11 +291,6 @@ class _Lens:
     def rays_of(self, window: Window) -> NDArray:
         """Unit vectors (h, w, 3) in the optical frame of the pixels of a window."""
         return self.rays.reshape(*self.stretch.shape, 3)[window]
-
-    @property
-    def whole(self) -> Crop:
-        """All of the rendered image."""
-        return Crop(0, 0, *self.size)
 
     def places(self, window: Window) -> tuple[NDArray, Crop]:
         """Columns and rows (h, w, 2) of the pixels of a window within a part of the rendered image, and that part."""

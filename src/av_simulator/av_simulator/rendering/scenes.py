@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +35,6 @@ class Solid:
     yaw: float = 0.0
     surface: str = ''
     warmer_k: float = 0.0
-
-
-class Scene(Protocol):
-    """A kind of scene. `ground` is the name of the ground's texture; `sky` tells whether the scene is outdoors."""
-
-    ground: str
-    sky: bool
-
-    def solids(self, random: np.random.Generator) -> Iterator[Solid]:
-        """All solids of the scene."""
 
 
 def _scattered(random: np.random.Generator, count: int, nearest: float, farthest: float) -> NDArray:
@@ -184,5 +174,6 @@ class UrbanEdge:
                 yield from _tree(random, x, y, random.uniform(4.0, 9.0), conifer=False)
 
 
+Scene = Woodland | Field | Indoors | UrbanEdge    # each has a ground, the name of its texture, and a sky where it is outdoors
 SCENES = {'woodland': Woodland, 'field': Field, 'indoors': Indoors, 'urban': UrbanEdge}
 AnyScene = Annotated[Any, SCENES]

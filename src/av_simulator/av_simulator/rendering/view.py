@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,16 +125,6 @@ class RenderedImage:
 def reported(truth: Iterable[TruthBox]) -> list[OracleBox]:
     """What the visual oracle reports of true boxes."""
     return [OracleBox(each.target_id, each.score, *each.box) for each in truth if each.box and each.score > 0.0]
-
-
-class Renderer(Protocol):
-    """A renderer of images."""
-
-    def render(self, view: View) -> RenderedImage:
-        """The image of one view; the same view gives the same image."""
-
-    def close(self) -> None:
-        """Release all resources."""
 
 
 def rotor_places(count: int) -> NDArray:
