@@ -105,8 +105,8 @@ class Refusals:
 class SenderGate:
     """Refuses and counts the datagrams of other senders at one socket.
 
-    In a flood the kernel refuses them instead, without count, so that they take neither time nor the socket's buffer. It
-    does so for a period, which is twice as long each time that the flood goes on afterwards.
+    In a flood the kernel refuses them instead, without count, so that they take neither time nor the socket's buffer, for the
+    rest of a period.
 
     Parameters:
         source: the socket that receives.
@@ -115,12 +115,11 @@ class SenderGate:
     """
 
     MOST = 100              # refused datagrams in a period that are counted; those that follow are left to the kernel
-    PERIOD = (1.0, 64.0)    # s, shortest and longest
+    PERIOD = 1.0            # s: a flood costs MOST datagrams in this time
 
     def __init__(self, source: socket.socket, allowed: AllowedSenders, refusals: Refusals) -> None:
         self._socket, self._allowed, self._refusals = source, allowed, refusals
-        self._refused, self._until, self._period = 0, 0.0, self.PERIOD[0]
-        self._filtered = False
+        self._refused, self._until, self._filtered = 0, 0.0, False
 
     def admits(self, sender: Sender) -> bool:
         """Whether the datagram of a sender is accepted."""
@@ -136,8 +135,7 @@ class SenderGate:
         """Count again after a period; called between datagrams."""
         if (now := time.monotonic()) < self._until:
             return
-        self._period = min(2.0 * self._period, self.PERIOD[1]) if self._refused >= self.MOST else self.PERIOD[0]
-        self._until, self._refused = now + self._period, 0
+        self._until, self._refused = now + self.PERIOD, 0
         if self._filtered:
             self._filter(False)
 
