@@ -68,4 +68,4 @@ def test_a_receiver_goes_on_after_errors(reported):
     wait(lambda: len(taken) == 4)
     wait(lambda: receiver.meter.count == 2)
     receiver.stop()
-    assert receiver.malformed == 2 and len(reported) == 1
+    assert receiver.failed == 2 and len(reported) == 1

@@ -21,9 +21,10 @@ from av_common.rig import camera_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
+from av_sim_bridge.receiving.common_clock import Sender
 from av_sim_bridge.receiving.consumer import Consumer, Worker
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
-from av_sim_bridge.receiving.streams import Sender, StampedImage
+from av_sim_bridge.receiving.streams import StampedImage
 from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 
@@ -171,7 +172,7 @@ class BridgeNode(RigNode):
         for name, receiver in self._receivers.items():
             status.add(f'{name} rate (Hz)', f'{receiver.meter.rate:.1f}')
             status.add(f'{name} age (s)', f'{receiver.meter.age:.2f}')
-            status.add(f'{name} malformed', str(receiver.malformed))
+            status.add(f'{name} malformed', str(receiver.failed))
             status.add(f'{name} foreign', str(receiver.foreign.total))
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)

@@ -19,43 +19,52 @@ def report(error: Exception) -> None:
 
 
 class Worker:
-    """Calls a function repeatedly on a thread. Its errors are counted in `failed`, and each new one is reported.
+    """Calls a function repeatedly on a thread. Its errors are counted in `failed`.
+
+    A ValueError is an invalid input. Each other new error is reported.
 
     Parameters:
         name: name of the thread.
         step: function without a long wait, since `stop` waits for it.
+        pause (s): after an unexpected error.
     """
 
-    def __init__(self, name: str, step: Callable[[], None]) -> None:
+    def __init__(self, name: str, step: Callable[[], None], pause: float = PAUSE_S) -> None:
         self.failed = 0
         self.last_error = ''
-        self._step = step
+        self._step, self._pause = step, pause
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
+    def end(self) -> None:
+        """Let the thread end after the present step, without waiting for it."""
+        self._stopping = True
+
     def stop(self) -> None:
         """End the thread after the present step."""
-        self._stopping = True
+        self.end()
         self._thread.join()
 
     def _run(self) -> None:
         while not self._stopping:
             try:
                 self._step()
+            except ValueError as error:
+                self.failed += 1
+                self.last_error = str(error)
             except Exception as error:  # noqa: BLE001 (whatever a datagram causes: the next one is processed)
                 self.failed += 1
                 if repr(error) != self.last_error:
                     self.last_error = repr(error)
                     report(error)
-                time.sleep(PAUSE_S)
+                time.sleep(self._pause)
 
 
 class Consumer(Worker, Generic[Item]):
     """A worker for items from other threads.
 
-    When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon. A
-    ValueError of `work` is counted, and not reported.
+    When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon.
 
     Parameters:
         name: name of the thread.
@@ -90,9 +99,5 @@ class Consumer(Worker, Generic[Item]):
         item = self._items.get()
         if item is None:
             self._stopping = True
-            return
-        try:
+        else:
             self._work(item)
-        except ValueError as error:
-            self.failed += 1
-            self.last_error = str(error)

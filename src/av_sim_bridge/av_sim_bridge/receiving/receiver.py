@@ -6,14 +6,13 @@ import contextlib
 import errno
 import socket
 import struct
-import threading
 import time
 from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
 from av_sim_bridge.receiving.allowed_senders import Refusals, SenderGate
-from av_sim_bridge.receiving.consumer import report
-from av_sim_bridge.wire import ForeignSenderError, UndatedError, WireError
+from av_sim_bridge.receiving.consumer import Worker
+from av_sim_bridge.wire import ForeignSenderError, UndatedError
 
 Handler = Callable[[bytes, float, tuple], None]
 
@@ -58,8 +57,8 @@ def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1
     return receiver
 
 
-class Receiver:
-    """A thread that receives from one port. It counts malformed and `foreign` datagrams and stores the newest error.
+class Receiver(Worker):
+    """Receives from one port. It counts malformed datagrams in `failed`, and those of others than the stream's sender.
 
     Parameters:
         name: name of the stream.
@@ -69,15 +68,10 @@ class Receiver:
     """
 
     def __init__(self, name: str, source: socket.socket, handle: Handler, gate: SenderGate | None = None):
-        self.name = name
         self.meter = RateMeter()
-        self.malformed = 0
-        self.last_error = ''
-        self.foreign = Refusals(3, ports=True)  # of others than the stream's sender
+        self.foreign = Refusals(3, ports=True)
         self._socket, self._handle, self._gate = source, handle, gate
-        self._stopping = False
-        self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
-        self._thread.start()
+        super().__init__(f'receive {name}', self._receive, 0.0)
 
     @property
     def port(self) -> int:
@@ -88,43 +82,28 @@ class Receiver:
         """Send a datagram from this port. Raises OSError."""
         self._socket.sendto(datagram, address)
 
-    def end(self) -> None:
-        """Let the thread end soon, without waiting for it."""
-        self._stopping = True
-
     def stop(self) -> None:
         """End the thread and close the socket."""
-        self.end()
-        self._thread.join()
+        super().stop()
         self._socket.close()
 
-    def _run(self) -> None:
-        while not self._stopping:
-            if self._gate is not None:
-                self._gate.renew()
-            try:
-                datagram, ancillary, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMEVAL.size))
-            except TimeoutError:
-                continue
-            if self._gate is None or self._gate.admits(sender):
-                self._take(datagram, _arrival(ancillary), sender)
-
-    def _take(self, datagram: bytes, arrival: float, sender: tuple) -> None:
+    def _receive(self) -> None:
+        if self._gate is not None:
+            self._gate.renew()
         try:
-            self._handle(datagram, arrival, sender)
-        except WireError as error:
-            self.last_error = str(error)
-            if isinstance(error, ForeignSenderError):
-                self.foreign.add(sender)
-            elif not isinstance(error, UndatedError):    # those are counted by the stream's clock
-                self.malformed += 1
-        except Exception as error:  # noqa: BLE001 (the next datagram is processed)
-            self.malformed += 1
-            if repr(error) != self.last_error:
-                self.last_error = repr(error)
-                report(error)
-        else:
+            datagram, ancillary, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMEVAL.size))
+        except TimeoutError:
+            return
+        if self._gate is not None and not self._gate.admits(sender):
+            return
+        try:
+            self._handle(datagram, _arrival(ancillary), sender)
             self.meter.tick()
+        except ForeignSenderError as error:
+            self.last_error = str(error)
+            self.foreign.add(sender)
+        except UndatedError as error:    # counted by the stream's clock
+            self.last_error = str(error)
 
 
 def _arrival(ancillary: list) -> float:
