@@ -6,6 +6,7 @@ system's clock) and `sender` (host, port); they raise WireError for an unusable 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,28 +24,28 @@ from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
-from av_sim_bridge.receiving.common_clock import CommonClock
+from av_sim_bridge.receiving.common_clock import CommonClock, OneSender, Sender
 from av_sim_bridge.receiving.streams import (
     AudioStream,
     CaptureStamps,
-    GimbalStream,
     ImageStream,
-    ImuStream,
     OracleReport,
-    Sender,
     StampedImage,
-    TimeSyncStream,
-    TruthStream,
+    StateStream,
 )
-from av_sim_bridge.vehicle import to_truth
+from av_sim_bridge.vehicle import from_truth, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.gimbal import decode_gimbal
+from av_sim_bridge.wire.imu import decode_imu
 from av_sim_bridge.wire.ports import FIRST_TARGET, RIG
 from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
-from av_sim_bridge.wire.truth import check_truth, encode_truth
+from av_sim_bridge.wire.time_sync import decode_time_sync
+from av_sim_bridge.wire.truth import check_truth, decode_truth, encode_truth
 from av_vision.image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
+MOST_LOST = 1000    # a larger step of the sequence number of inertial measurements is no gap
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
 Output = tuple[str, Any]    # topic and message
@@ -97,8 +98,10 @@ class BridgeStage:
         self.target_topics = settings.target_topics
         names = {RIG: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
-        self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
-        self._gimbal = GimbalStream(self._clock)
+        self._truth = {number: StateStream(self._clock, name) for number, name in names.items()}
+        self._imu, self._gimbal = StateStream(self._clock, 'imu'), StateStream(self._clock, 'gimbal')
+        self._imu_expected, self._imu_lost = math.inf, 0    # next sequence number, and gaps in these
+        self._time_sync, self._time_sync_offset = OneSender('time_sync'), math.nan    # s, of this machine's time
         self._sequence = 0
         self._commanded = FreshInput()
         self.contested: Mapping[str, list[str]] = {}  # publishers of the commands where there are several
@@ -156,39 +159,45 @@ class BridgeStage:
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number, or for an old state."""
-        taken = self._truth.take(datagram, arrival, sender)
-        if taken is None:
+        truth = decode_truth(datagram)
+        stream = self._truth.get(truth.copter_id)
+        stamp = None if stream is None else stream.date(truth.time, arrival, sender)
+        if stamp is None:
             return []
-        number, state, stamp = taken
-        header = messages.make_header(stamp, MAP_FRAME)
-        if number == RIG:
+        header, state = messages.make_header(stamp, MAP_FRAME), from_truth(truth)
+        if truth.copter_id == RIG:
             message = messages.odometry_message(header, BASE_FRAME, state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
-        topic = self.target_topics[number]
+        topic = self.target_topics[truth.copter_id]
         return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state))]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of an inertial measurement of the rig; none for an old one."""
-        taken = self._imu.take(datagram, arrival, sender)
-        if taken is None:
+        sample = decode_imu(datagram)
+        stamp = self._imu.date(sample.time, arrival, sender)
+        if stamp is None:
             return []
-        sample, stamp = taken
+        if 0 < sample.sequence - self._imu_expected < MOST_LOST:
+            self._imu_lost += sample.sequence - int(self._imu_expected)
+        self._imu_expected = sample.sequence + 1
         header = messages.make_header(stamp, BASE_FRAME)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 
     def on_gimbal(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of the gimbal's measured orientation; none for a rig without a gimbal, or for an old one."""
-        taken = self._gimbal.take(datagram, arrival, sender)
-        if taken is None or self.rig.gimbal is None:
+        sample = decode_gimbal(datagram)
+        stamp = self._gimbal.date(sample.time, arrival, sender)
+        if stamp is None or self.rig.gimbal is None:
             return []
-        sample, stamp = taken
         return [('gimbal/state', gimbal_message(self.rig.gimbal.frame, stamp, sample.orientation_wxyz, sample.variance,
                                                 measured=True))]
 
     def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Update the offset between the simulator's clock and this machine's."""
-        self._time_sync.take(datagram, arrival, sender)
+        self._time_sync.check(sender, arrival)
+        self._time_sync_offset = arrival - decode_time_sync(datagram).now_ms / 1000.0
+        self._time_sync.note(sender, arrival)
 
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
         """The datagram of a pointing command for the simulator's control port.
@@ -226,16 +235,14 @@ class BridgeStage:
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assemblers = self._audio.decoder.counts, [each.assembler for each in (*self._images.values(), self._depths)]
-        clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
-                  for what, count in (('undated', counts.refused), ('clock restarts', counts.restarts))}
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
                 'audio restarts': audio.restarts,
                 'audio overwritten frames': self._ring.overwritten, 'image lost': sum(each.incomplete for each in assemblers),
-                'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu.lost,
+                'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu_lost,
                 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
-                'time sync offset (s)': self._time_sync.offset_s,
-                'audio blocks undated': self._audio.undated} | clocks
+                'time sync offset (s)': self._time_sync_offset,
+                'audio blocks undated': self._audio.undated} | self._clock.counts
 
 
 def make_bridge_stage(parameters: Any) -> BridgeStage:

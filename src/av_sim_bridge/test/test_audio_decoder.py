@@ -126,18 +126,6 @@ def test_a_late_burst_is_not_a_loss(rng):
     assert sum(len(block.samples) for block in blocks) == 120 * FRAMES
 
 
-def test_a_sender_known_to_be_late_has_lost_nothing(rng):
-    layout = AudioFormat()
-    times = arrivals(200, 0.002, rng)
-    times[60:] += 0.1                  # late from here on, as its stamped streams are
-    decoder, arrival = AudioDecoder(layout, lambda: 0.1 if arrival > times[61] else 0.0), 0.0
-    blocks = []
-    for datagram, arrival in zip(datagrams(layout, 200), times, strict=True):
-        blocks += decoder.decode(datagram, arrival)
-    check(blocks)
-    assert decoder.counts.lost == 0
-
-
 def test_reordered_datagrams_are_put_in_order():
     layout = AudioFormat()
     sent = datagrams(layout, 20, header=True)

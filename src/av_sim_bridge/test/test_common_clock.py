@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from av_sim_bridge.receiving.common_clock import CommonClock
+from av_sim_bridge.wire import ForeignSenderError, UndatedError, WireError
 
 EPOCH, GENUINE, INTRUDER = 1.7e9, ('10.0.0.1', 5000), ('10.0.0.2', 6000)
 STREAMS = {'rig_truth': (0.001, 100.0), 'target_truth': (0.001, 100.0), 'audio': (0.005, 30.0), 'imu': (0.001, 200.0),
@@ -25,10 +26,13 @@ def date(events, clock=None):
     """Errors (s) of the genuine stamps by stream and true time, NaN for those that were not dated, and the clock."""
     clock, errors = clock or CommonClock(), {name: [] for name in STREAMS}
     for arrival, name, sender, stamp, true in sorted(events):
-        time = clock.date(name, sender, stamp, EPOCH + arrival)
-        assert time is None or 0.0 <= time <= EPOCH + arrival
+        try:
+            time = clock.date(name, sender, stamp, EPOCH + arrival)
+            assert 0.0 <= time <= EPOCH + arrival
+        except WireError:
+            time = np.nan
         if sender == GENUINE and true is not None:
-            errors[name].append((true, np.nan if time is None else time - EPOCH - true))
+            errors[name].append((true, time - EPOCH - true))
     return {name: np.array(found) for name, found in errors.items() if found}, clock
 
 
@@ -79,7 +83,7 @@ def test_later_stamps_of_a_stream_are_never_dated_earlier(seed):
 def test_rising_stamps_in_any_stream_move_nothing(rng, name, sender):
     errors, clock = date(sent(rng) + rising(rng, name, sender))
     check(errors)
-    assert clock.restarts == 0 and clock.counts[name].refused >= 869
+    assert clock.restarts == 0 and clock.counts[f'{name} undated'] >= 869
 
 
 @pytest.mark.parametrize('ahead', [-300.0, -0.2, 0.009, 0.03, 0.2, 300.0])
@@ -88,7 +92,9 @@ def test_a_second_sender_that_agrees_with_itself_is_not_obeyed(rng, name, ahead)
     errors, clock = date(sent(rng) + [(*other[:4], None) for other in sent(
         rng, begin=1.5, seconds=4.5, streams=[name], clock=lambda true: true + ahead, sender=INTRUDER)])
     check(errors)
-    assert clock.restarts == 0 and clock.counts[name].refused > 10 and clock.sender(name) == GENUINE
+    assert clock.restarts == 0 and clock.counts[f'{name} undated'] > 10
+    with pytest.raises(ForeignSenderError, match='10.0.0.2:6000 sends while 10.0.0.1:5000 does'):
+        clock.refuse_others(name, INTRUDER, EPOCH + 6.0)
 
 
 @pytest.mark.parametrize('ahead', [-300.0, 0.2, 300.0])
@@ -140,5 +146,6 @@ def test_many_senders_take_no_stream(rng):
 def test_hostile_numbers_are_counted(rng, stamp):
     errors, clock = date(sent(rng, seconds=3.0) + [(2.0 + 0.001 * n, 'imu', GENUINE, stamp, None) for n in range(100)])
     check(errors)
-    assert clock.counts['imu'].refused >= 100
-    assert clock.date('imu', GENUINE, 1.0, float('nan')) is None
+    assert clock.counts['imu undated'] >= 100
+    with pytest.raises(UndatedError, match='imu: the time 1 s of 10.0.0.1:5000 cannot be dated'):
+        clock.date('imu', GENUINE, 1.0, float('nan'))

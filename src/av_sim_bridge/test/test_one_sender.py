@@ -162,6 +162,6 @@ def test_the_receiver_counts_and_names_them_apart_from_malformed_ones():
             sender.sendto(datagram, ('127.0.0.1', receiver.port))
         while receiver.meter.count < 1 and time.monotonic() < end:
             time.sleep(0.005)
-        assert (receiver.foreign.total, receiver.malformed, receiver.meter.count) == (2, 1, 1)
+        assert (receiver.foreign.total, receiver.failed, receiver.meter.count) == (2, 1, 1)
         assert list(receiver.foreign.counts()) == ['{}:{}'.format(*sender.getsockname())]
         receiver.stop()

@@ -7,7 +7,6 @@ from arrival times. A datagram can be late but never early; after a loss, every 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,12 +47,10 @@ class AudioDecoder:
 
     Parameters:
         layout: format of the samples.
-        lateness: function that returns the sender's current delay (s), estimated from its stamped streams.
     """
 
-    def __init__(self, layout: AudioFormat, lateness: Callable[[], float] = float):
+    def __init__(self, layout: AudioFormat):
         self.layout = layout
-        self._lateness = lateness
         self.counts = AudioCounts()
         self._stream: _NumberedStream | _BareStream | None = None
         self._first_sample = 0
@@ -78,7 +75,7 @@ class AudioDecoder:
             if self._stream is not None and self._stream.alive(arrival):
                 raise WireError('audio: header missing in a stream that has one')
             self.restart()
-            self._stream = _BareStream(self.layout, self.counts, self._first_sample, self._lateness)
+            self._stream = _BareStream(self.layout, self.counts, self._first_sample)
         return self._stream.decode(datagram, arrival)
 
     def restart(self) -> None:
@@ -144,10 +141,9 @@ class _BareStream:
     """A stream without headers, split into datagrams at any byte. Positions are counted in bytes to keep the alignment.
 
     Bytes count as lost if every datagram of the last `WINDOW` seconds lags by about the same time. This lag must exceed
-    half a datagram and the delay of the sender's other streams, since a datagram that is only delayed catches up. In the
-    meantime datagrams of whole frames are passed on, because only their numbers can be too low. Others are held back,
-    because they could swap the channels. A datagram that arrives early is refused as foreign, unless an earlier loss was
-    assumed by mistake: then the position returns.
+    half a datagram, since a datagram that is only delayed catches up. In the meantime datagrams of whole frames are passed
+    on, because only their numbers can be too low. Others are held back, because they could swap the channels. A datagram
+    that arrives early is refused as foreign, unless an earlier loss was assumed by mistake: then the position returns.
     """
 
     WINDOW = 1.0       # s
@@ -157,8 +153,8 @@ class _BareStream:
     DRIFT = 200e-6     # maximum relative error of the sender's clock
     MOST_KEPT = 500    # datagrams that are held back, and lags that are kept, however small and many the datagrams are
 
-    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, lateness: Callable[[], float]):
-        self.layout, self.counts, self._lateness = layout, counts, lateness
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
+        self.layout, self.counts = layout, counts
         self._rate = layout.frame_bytes * layout.sample_rate   # bytes per second
         self._position = next_sample * layout.frame_bytes      # position of the next byte to be released
         self._partial = b''
@@ -225,8 +221,7 @@ class _BareStream:
         """Lag (s) common to all datagrams of the window, 0 if there is none or it still changes."""
         if len(self._recent) < self.FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * self.WINDOW:
             return 0.0
-        late = self._lateness()
-        lags = [lag - late for _, lag in self._recent]
+        lags = [lag for _, lag in self._recent]
         middle = len(lags) // 2
         before, after = min(lags[:middle]), min(lags[middle:])
         return after if min(before, after) > half > abs(after - before) else 0.0

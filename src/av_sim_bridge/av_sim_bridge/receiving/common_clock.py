@@ -4,55 +4,63 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Hashable
-from typing import NamedTuple
+from typing import Any
 
 from av_common.clock import CHASE, LATEST_S, ElapsedTime, Order, SenderClock
 from av_common.stamps import END_S
+from av_sim_bridge.wire import ForeignSenderError, UndatedError
 
-SILENCE_S = 1.0          # after this time without a dated stamp another sender may take a stream over
-TOGETHER_S = 0.02        # offsets of streams that support each other
+SILENCE_S = 1.0          # after this time without a usable datagram another sender may take a stream over
 DELAY_S = 0.25           # a stream may precede the common offset by this much, if that rests on a slower stream
-BEGIN_S = 2.0            # after the common offset is set: the lowest of offsets with equal support wins
 STEP_S = 0.05            # interval between comparisons
+Sender = tuple[Any, ...]
+
+
+class OneSender:
+    """The sender of a stream, address and port, of which there is one at a time.
+
+    Parameters:
+        name: name of the stream.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name, self._time = name, ElapsedTime()
+        self._present: tuple[Sender, float] | None = None    # sender, and elapsed time of its newest datagram (s)
+
+    def check(self, sender: Sender, arrival: float) -> bool:
+        """Whether a sender is another one than before. Raises ForeignSenderError while the present one sends."""
+        if self._present is None or self._present[0] == sender:
+            return False
+        if self._time.at(arrival) - self._present[1] < SILENCE_S:
+            raise ForeignSenderError(self._name, sender, self._present[0])
+        return True
+
+    def note(self, sender: Sender, arrival: float) -> None:
+        """Note a usable datagram."""
+        self._present = sender, self._time.at(arrival)
 
 
 class _Stream:
-    """A stream and its sender, which keeps it until none of its stamps was dated for SILENCE_S."""
+    """A stream, and the clock of the sender of its newest stamp."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
         self.refused = self.restarts = 0
-        self.begin(None)
+        self.one_sender = OneSender(name)
+        self.begin(())
 
-    def begin(self, sender: Hashable) -> None:
+    def begin(self, sender: Sender) -> None:
         """Take the stamps of another sender."""
         self.sender, self.clock, self.order = sender, SenderClock(), Order()
-        self.accepted = self.dated = -math.inf    # s, elapsed time of the newest stamp that the clock took, and that was dated
-        self.followed = 0, 0    # restarts of the common offset and of the clock
-
-    def is_taken(self, now: float) -> bool:
-        """Whether others are refused."""
-        return self.dated >= now - SILENCE_S
-
-
-class StreamCounts(NamedTuple):
-    """What a stream's stamps came to.
-
-    Parameters:
-        refused: number of stamps that could not be dated.
-        restarts: number of times that a sender's clock restarted.
-    """
-
-    refused: int
-    restarts: int
+        self.accepted = -math.inf    # s, elapsed time of the newest stamp that the clock took
+        self.followed = 0    # restarts of the common offset and of the clock
 
 
 class CommonClock:
     """One clock for the streams of a simulator, whose stamps are of one clock and whose delays differ.
 
-    Each stream has one sender at a time, and a SenderClock of it. The common offset is the one that most kinds of streams
-    share, so that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a stream
-    that contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
+    Each stream has one sender at a time, and a SenderClock of it. The common offset is the median of those of all kinds of
+    streams, so that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a
+    stream that contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
 
     Attributes:
         restarts: number of times that the common offset was replaced.
@@ -63,30 +71,26 @@ class CommonClock:
         self._time, self._lock = ElapsedTime(), threading.Lock()
         self._streams: dict[str, _Stream] = {}
         self._offset = math.nan
-        self._compared = self._begin = -math.inf
+        self._compared = -math.inf
         self._settled = False    # whether stamps that have agreed have set the offset
 
     @property
-    def counts(self) -> dict[str, StreamCounts]:
-        """Counts of each stream by its name."""
+    def counts(self) -> dict[str, int]:
+        """Of each stream the numbers of stamps that could not be dated, and of restarts of its sender's clock."""
         with self._lock:
-            return {name: StreamCounts(stream.refused, stream.restarts) for name, stream in self._streams.items()}
+            return {f'{name} {what}': count for name, stream in self._streams.items()
+                    for what, count in (('undated', stream.refused), ('clock restarts', stream.restarts))}
 
-    def sender(self, stream: str) -> Hashable:
-        """The sender whose stamps of a stream are dated, None while there is none."""
+    def refuse_others(self, stream: str, sender: Sender, arrival: float) -> None:
+        """Raise ForeignSenderError for another sender (host, port) than that whose stamps of a stream are dated."""
         with self._lock:
-            taken = self._streams.get(stream)
-            return taken.sender if taken and taken.is_taken(self._time.now) else None
+            if stream in self._streams:
+                self._streams[stream].one_sender.check(sender, arrival)
 
-    @property
-    def lateness(self) -> float:
-        """Delay (s) of the quickest stream of the last second relative to its least delay: that of a sender too slow."""
-        with self._lock:
-            now = self._time.now
-            return min((stream.clock.lateness for stream in self._streams.values() if stream.is_taken(now)), default=0.0)
+    def date(self, stream: str, sender: Sender, stamp: float, arrival: float) -> float:
+        """ROS time (s) of a stamp; it lies in the range of builtin_interfaces/Time.
 
-    def date(self, stream: str, sender: Hashable, stamp: float, arrival: float) -> float | None:
-        """ROS time (s) of a stamp, None when it cannot be dated; it lies in the range of builtin_interfaces/Time.
+        Raises UndatedError for a stamp that cannot be dated, ForeignSenderError for that of another than the present sender.
 
         Parameters:
             stream: name of the stream. Names with the same first word are one kind, with one vote on the common offset.
@@ -94,19 +98,21 @@ class CommonClock:
             stamp (s): time on the sender's clock.
             arrival (s): ROS time of its arrival.
         """
-        if not 0.0 <= arrival < END_S:
-            return None
         with self._lock:
-            now = self._time.at(arrival)
-            taken = self._streams.setdefault(stream, _Stream())
-            time = self._date(taken, sender, stamp, arrival, now)
-            taken.refused += time is None
+            taken = self._streams.setdefault(stream, _Stream(stream))
+            taken.refused += 1    # until it is dated
+            time = self._date(taken, sender, stamp, arrival)
+            if time is None:
+                raise UndatedError(f'{stream}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
+            taken.refused -= 1
             return time
 
-    def _date(self, stream: _Stream, sender: Hashable, stamp: float, arrival: float, now: float) -> float | None:
+    def _date(self, stream: _Stream, sender: Sender, stamp: float, arrival: float) -> float | None:
+        if not 0.0 <= arrival < END_S:
+            return None
+        now = self._time.at(arrival)
+        stream.one_sender.check(sender, arrival)
         if sender != stream.sender:
-            if stream.is_taken(now):
-                return None
             stream.begin(sender)
         before = stream.clock.restarts
         time = stream.clock.date(stamp, arrival)
@@ -117,15 +123,15 @@ class CommonClock:
         self._compare(now)
         if not -DELAY_S <= stream.clock.offset - self._offset <= LATEST_S:
             return None
-        restarts = self.restarts, stream.clock.restarts
+        stream.one_sender.note(sender, arrival)
+        restarts = self.restarts + stream.restarts
         if restarts != stream.followed:
-            stream.order = Order()
-        stream.dated, stream.followed = now, restarts
+            stream.order, stream.followed = Order(), restarts
         least = 1.0 - CHASE if stream.clock.settled else 0.0
         return max(stream.order.kept(stamp, min(time, stamp + self._offset), arrival, least), 0.0)
 
     def _compare(self, now: float) -> None:
-        """Move the common offset towards the offset that most kinds of streams share, or replace it."""
+        """Move the common offset towards the median of those of all kinds of streams, or replace it."""
         elapsed = now - self._compared
         if elapsed < STEP_S and not math.isnan(self._offset):
             return
@@ -136,36 +142,16 @@ class CommonClock:
         if not settled and self._settled:
             return    # stamps that have not agreed set the offset provisionally, and never move it
         self._settled = self._settled or bool(settled)
-        votes: dict[str, list[float]] = {}
+        votes: dict[str, float] = {}
         for kind, clock in settled or clocks:
-            votes.setdefault(kind, []).append(clock.offset)
-        target = _shared(votes, self._offset, now - self._begin < BEGIN_S)
+            votes[kind] = min(votes.get(kind, math.inf), clock.offset)
+        offsets = sorted(votes.values())
+        target = offsets[(len(offsets) - 1) // 2]
+        if target < self._offset - DELAY_S:
+            target = offsets[len(offsets) // 2]    # a tie is no reason to jump
         change = target - self._offset
-        if abs(change) <= TOGETHER_S:
-            most = elapsed * CHASE
-            self._offset += max(-most, min(most, change))
-            return
-        if not abs(change) <= DELAY_S:
+        if abs(change) <= DELAY_S:
+            self._offset += max(-elapsed * CHASE, min(elapsed * CHASE, change))
+        else:
             self.restarts += not math.isnan(change)
-            self._begin = now
-        self._offset = target
-
-
-def _shared(votes: dict[str, list[float]], present: float, beginning: bool) -> float:
-    """The offset (s) that most kinds of streams share.
-
-    Parameters:
-        votes (s): offsets of each kind of stream; at least one.
-        present (s): the present common offset, which wins a tie; NaN without one.
-        beginning: whether the lowest wins a tie, because the least delay is still unknown.
-    """
-    def supporters(offset: float) -> list[float]:
-        near = ([other for other in offsets if abs(other - offset) <= TOGETHER_S] for offsets in votes.values())
-        return sorted(min(offsets) for offsets in near if offsets)
-
-    support = {offset: supporters(offset) for offsets in votes.values() for offset in offsets}
-    most = max(len(group) for group in support.values())
-    best = [offset for offset, group in support.items() if len(group) == most]
-    lower = DELAY_S if beginning else TOGETHER_S
-    group = support[min([offset for offset in best if -lower <= offset - present <= TOGETHER_S] or best)]
-    return group[(len(group) - 1) // 2]
+            self._offset = target

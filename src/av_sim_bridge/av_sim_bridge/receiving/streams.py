@@ -1,9 +1,8 @@
-"""The streams of a simulator: datagrams with their time of arrival in; samples, images and states in ROS time out.
+"""The streams of a simulator: datagrams with their time of arrival in; samples, images and dates in ROS time out.
 
-Every method `take` is called by the thread of one receiver, `TruthStream.take` by those of all vehicles, and does not block.
-It raises WireError for an unusable datagram, ForeignSenderError for one of another sender: a stream has one sender, address
-and port, at a time, until it has sent nothing usable for SILENCE_S. Its parameters are the content of the datagram, `arrival`
-(s, the system's clock) and `sender` (host, port).
+Every method `take` is called by the thread of one receiver, and does not block. It raises WireError for an unusable datagram,
+ForeignSenderError for one of another sender. Its parameters are the content of the datagram, `arrival` (s, the system's clock)
+and `sender` (host, port).
 """
 
 from __future__ import annotations
@@ -11,50 +10,18 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import ElapsedTime, SenderClock
+from av_common.clock import SenderClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
-from av_sim_bridge.receiving.common_clock import SILENCE_S, CommonClock
-from av_sim_bridge.vehicle import VehicleState, from_truth
-from av_sim_bridge.wire import ForeignSenderError, UndatedError
+from av_sim_bridge.receiving.common_clock import CommonClock, OneSender, Sender
+from av_sim_bridge.wire import UndatedError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
-from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
-from av_sim_bridge.wire.imu import ImuSample, decode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
-from av_sim_bridge.wire.time_sync import decode_time_sync
-from av_sim_bridge.wire.truth import decode_truth
 
 SAME_CAPTURE = 0.05    # s, largest difference of the stamps of one capture in two streams
-Sender = tuple[Any, ...]
-
-
-class OneSender:
-    """The sender of a stream that has no stamps to be told apart by; `CommonClock` does the same for the others.
-
-    Parameters:
-        name: name of the stream.
-    """
-
-    def __init__(self, name: str) -> None:
-        self._name, self._time = name, ElapsedTime()
-        self._present: tuple[Sender, float] | None = None    # sender, and elapsed time of its newest datagram (s)
-
-    def check(self, sender: Sender, arrival: float) -> bool:
-        """Whether a sender is another one than before. Raises ForeignSenderError while the present one sends."""
-        if self._present is None or self._present[0] == sender:
-            return False
-        if self._time.at(arrival) - self._present[1] < SILENCE_S:
-            raise ForeignSenderError(self._name, sender, self._present[0])
-        return True
-
-    def note(self, sender: Sender, arrival: float) -> None:
-        """Note a usable datagram."""
-        self._present = sender, self._time.at(arrival)
 
 
 class AudioStream:
@@ -67,7 +34,7 @@ class AudioStream:
     """
 
     def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: CommonClock) -> None:
-        self.decoder = AudioDecoder(layout, lambda: clock.lateness)
+        self.decoder = AudioDecoder(layout)
         self.ring = ring
         self.undated = 0
         self._layout, self._clock = layout, clock
@@ -106,7 +73,7 @@ class AudioStream:
         if header is None:
             return None
         duration = header.frames / self._rate
-        return _date(self._clock, 'audio', sender, header.time + duration, arrival) - duration
+        return self._clock.date('audio', sender, header.time + duration, arrival) - duration
 
     def _time_of(self, block: AudioBlock) -> float | None:
         if block.time is not None:
@@ -185,10 +152,10 @@ class ImageStream:
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
         """The image or report that this datagram completes, None if it completes none."""
         if is_oracle(datagram):
-            return self._report(decode_oracle(datagram), sender)
+            return self._report(decode_oracle(datagram), arrival, sender)
         fragment = decode_fragment(datagram)
         try:
-            stamp = self._stamps.of(fragment.time, _date(self._clock, self._name, sender, fragment.time, arrival))
+            stamp = self._stamps.of(fragment.time, self._clock.date(self._name, sender, fragment.time, arrival))
         except UndatedError:
             self._newest = None    # nor can its boxes be dated
             raise
@@ -196,9 +163,9 @@ class ImageStream:
         image = self.assembler.add(fragment)
         return None if image is None else StampedImage(image, stamp)
 
-    def _report(self, boxes: list[OracleBox], sender: Sender) -> OracleReport | None:
+    def _report(self, boxes: list[OracleBox], arrival: float, sender: Sender) -> OracleReport | None:
         if self._newest is None or self._newest[0] != sender:
-            _refuse_others(self._clock, self._name, sender)
+            self._clock.refuse_others(self._name, sender, arrival)
             return None
         _, time, stamp = self._newest
         if time == self._reported:    # it came twice, or its image was lost
@@ -207,109 +174,29 @@ class ImageStream:
         return OracleReport(boxes, stamp)
 
 
-class InOrder:
-    """Leaves out states that come again or out of order, so that stamps increase."""
-
-    RESTART_S = 0.5    # dates of a sender that begins anew are later by more: it is not dated for a second
-    SET_BACK_S = 2.0   # dates that are earlier by more are of a clock that was set back: an old state is dated within LATEST_S
-
-    def __init__(self) -> None:
-        self._stamp = self._date = -math.inf
-
-    def takes(self, stamp: float, date: float) -> bool:
-        """Whether a state is newer than all before, or of a sender that has begun anew.
-
-        Parameters:
-            stamp (s): time of the state on the sender's clock.
-            date (s): the same in ROS time.
-        """
-        again = -self.SET_BACK_S <= date - self._date < self.RESTART_S
-        if again and (stamp <= self._stamp or date == self._date):
-            return False
-        self._stamp, self._date = stamp, date
-        return True
-
-
-class TruthStream:
-    """Decodes states of vehicles to ROS frames and ROS time.
+class StateStream:
+    """Dates the states of a stream, such as poses and measurements, but for those that come again or out of order.
 
     Parameters:
         clock: the clock that all streams of one simulator share.
-        names: name of the stream of each vehicle by its number; other vehicles are left out.
+        name: name of the stream.
     """
 
-    def __init__(self, clock: CommonClock, names: Mapping[int, str]) -> None:
-        self._clock, self._names = clock, names
-        self._order = {number: InOrder() for number in names}
+    SET_BACK_S = 2.0   # dates that are earlier by more are of a clock that was set back: an old state is dated within LATEST_S
 
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[int, VehicleState, float] | None:
-        """Number and state of the vehicle in one datagram, and its time (s, ROS time); None for another, or an old one."""
-        truth = decode_truth(datagram)
-        number = truth.copter_id
-        if number not in self._names:
+    def __init__(self, clock: CommonClock, name: str) -> None:
+        self._clock, self._name = clock, name
+        self._stamp = self._date = -math.inf
+
+    def date(self, stamp: float, arrival: float, sender: Sender) -> float | None:
+        """ROS time (s) of a state, later than those before; None for one that is left out. Raises WireError, see `CommonClock`.
+
+        Parameters:
+            stamp (s): time of the state on the sender's clock.
+            arrival (s), sender: of its datagram.
+        """
+        date = self._clock.date(self._name, sender, stamp, arrival)
+        if (date <= self._date or stamp == self._stamp) and date > self._date - self.SET_BACK_S:
             return None
-        stamp = _date(self._clock, self._names[number], sender, truth.time, arrival)
-        return (number, from_truth(truth), stamp) if self._order[number].takes(truth.time, stamp) else None
-
-
-class ImuStream:
-    """Decodes inertial measurements of the rig; `lost` counts the gaps in their sequence numbers."""
-
-    def __init__(self, clock: CommonClock) -> None:
-        self.lost = 0
-        self._clock, self._order = clock, InOrder()
-        self._expected: int | None = None
-
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[ImuSample, float] | None:
-        """The measurement in one datagram and its time (s, ROS time); None for one that comes again or out of order."""
-        sample = decode_imu(datagram)
-        stamp = _date(self._clock, 'imu', sender, sample.time, arrival)
-        if not self._order.takes(sample.time, stamp):
-            return None
-        if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
-            self.lost += sample.sequence - self._expected
-        self._expected = sample.sequence + 1
-        return sample, stamp
-
-
-class GimbalStream:
-    """Decodes measured orientations of the gimbal."""
-
-    def __init__(self, clock: CommonClock) -> None:
-        self._clock, self._order = clock, InOrder()
-
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float] | None:
-        """The orientation in one datagram and its time (s, ROS time); None for one that comes again or out of order."""
-        sample = decode_gimbal(datagram)
-        stamp = _date(self._clock, 'gimbal', sender, sample.time, arrival)
-        return (sample, stamp) if self._order.takes(sample.time, stamp) else None
-
-
-class TimeSyncStream:
-    """Compares the simulator's Unix time with this machine's: `offset_s` (s) is this machine's time minus the simulator's."""
-
-    def __init__(self) -> None:
-        self.offset_s = float('nan')
-        self._sender = OneSender('time_sync')
-
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Update the offset from one datagram."""
-        self._sender.check(sender, arrival)
-        self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
-        self._sender.note(sender, arrival)
-
-
-def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: float) -> float:
-    """ROS time (s) of a stamp. Raises UndatedError for one that cannot be dated, ForeignSenderError for that of another."""
-    time = clock.date(name, sender, stamp, arrival)
-    if time is None:
-        _refuse_others(clock, name, sender)
-        raise UndatedError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
-    return time
-
-
-def _refuse_others(clock: CommonClock, name: str, sender: Sender) -> None:
-    """Raise ForeignSenderError for another one than the present sender of a stream."""
-    present = clock.sender(name)
-    if isinstance(present, tuple) and present != sender:
-        raise ForeignSenderError(name, sender, present)
+        self._stamp, self._date = stamp, date
+        return date
