@@ -3,9 +3,8 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'settings': 'RigSettings',
     'stage': 'NetworkStage RigPlace',
     'tracker': 'NetworkTracker',
-    'observation': 'Observation Report Sighting',
+    'observation': 'Observation Report RigSettings Sighting',
     'network_target': 'TargetState',
 })

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.acoustics import speed_of_sound
+from av_common.angles import direction_to_angles
 from av_network import sphere
 
 SOUND_SPEED = speed_of_sound()  # m/s, in air of 20 degrees Celsius
@@ -18,18 +19,16 @@ class ApparentDirections(NamedTuple):
     """Directions of n targets at the time at which a rig receives their light or sound.
 
     Parameters:
-        azimuth, elevation (n,) (rad): in the world (ENU).
+        angles (n, 2) (rad): azimuth and elevation in the world (ENU).
         distance (n,) (m): from the rig to the place of emission.
-        by_position, by_velocity (n, 2, 3): derivatives of the horizontal angle (the azimuth's times cos(elevation)) and of
-            the vertical one.
+        by_state (n, 2, 6): derivatives of the horizontal angle (the azimuth's times cos(elevation)) and of the vertical one by
+            position and velocity.
         by_time (n, 2) (rad/s): derivatives by the time of reception.
     """
 
-    azimuth: NDArray[np.float64]
-    elevation: NDArray[np.float64]
+    angles: NDArray[np.float64]
     distance: NDArray[np.float64]
-    by_position: NDArray[np.float64]
-    by_velocity: NDArray[np.float64]
+    by_state: NDArray[np.float64]
     by_time: NDArray[np.float64]
 
 
@@ -58,8 +57,7 @@ def apparent_directions(positions: NDArray[np.float64], velocities: NDArray[np.f
     unit = seen / distance[:, None]
     slowness = np.where(silent, 0.0, 1.0 / np.maximum(sound + np.einsum('ni,ni->n', unit, velocities), 0.1 * sound))
     shift = np.eye(3) - slowness[:, None, None] * velocities[:, :, None] * unit[:, None, :]
-    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
-    elevation = np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
-    by_position = (sphere.axes(np.stack([azimuth, elevation], 1)) / distance[:, None, None]) @ shift
-    return ApparentDirections(azimuth, elevation, distance, by_position, (ahead - delay)[:, None, None] * by_position,
-                              np.einsum('nij,nj->ni', by_position, velocities))
+    angles = np.stack(direction_to_angles(seen), -1)
+    by_position = (sphere.axes(angles) / distance[:, None, None]) @ shift
+    by_state = np.concatenate([by_position, (ahead - delay)[:, None, None] * by_position], 2)
+    return ApparentDirections(angles, distance, by_state, np.einsum('nij,nj->ni', by_position, velocities))

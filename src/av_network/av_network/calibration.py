@@ -5,36 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, solveh_banded
+from scipy.linalg import block_diag
 
 from av_network import sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
-from av_network.motion_model import LEAST_STEP_S, motion
-from av_network.observation import Observation, RigState
-from av_network.settings import RigSettings
+from av_network.motion_model import motion
+from av_network.observation import Observation, RigSettings, RigState
 
 RIG_SIZE, HEADING, CLOCK = 2, 0, 1  # of the part of the state of one rig
 HEADING_DRIFT, CLOCK_DRIFT = math.radians(0.01), 1e-4  # rad and s per sqrt(s): random walks of headings and clock offsets
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 SEGMENT_S = 2.5  # of a track, ten reports of each rig
+STEP_S = 0.1  # between the states of its track; with 0.25 s clocks are 14 ms off (`network offsets`), with 0.05 s 6
 LEAST_OBSERVATIONS = 12  # of a segment: four numbers for each of the six of its track
-ITERATIONS = 2  # after one, clocks are up to 60 ms off (`network offsets`), after two 8
+ITERATIONS = 2  # after one, clocks are up to 60 ms off, after two 8
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
 OUTLIER = 16.0  # squared Mahalanobis distance of a residual from the smoothed track, beyond which it is not used
-
-
-class _Linear(NamedTuple):
-    """Observations of a segment about a track: y = H x + T dtheta + noise of covariance R."""
-
-    y: NDArray[np.float64]  # (k, 2)
-    H: NDArray[np.float64]  # (k, 2, 6)
-    T: NDArray[np.float64]  # (k, 2, 2 r)
-    R: NDArray[np.float64]  # (k, 2, 2)
 
 
 @dataclass
@@ -52,7 +42,7 @@ class RigCalibration:
     A recursive filter of targets and clocks is biased: the offset of a clock enters multiplied by the velocity, a filtered
     velocity lags behind the true one, and its error correlates with the innovations. Here each segment of a target's track
     is smoothed, and the observations are linearised about the smoothed track (Gauss-Newton). The track is then eliminated
-    from the normal equations, whose matrix is banded. Each segment begins with a wide prior of the target, so that no
+    from the normal equations. Each segment begins with a wide prior of the target, so that no
     observation counts twice. Errors of images that rigs do not state last for a segment, as if its headings were off by them.
 
     Attributes:
@@ -126,74 +116,62 @@ class RigCalibration:
     def _learn(self, segment: _Segment) -> None:
         observations, clocks = segment.observations, self.mean[CLOCK::RIG_SIZE]
         times = np.array([one.sighting.measured + clocks[one.rig] for one in observations])
-        cells, first, nodes = np.unique(np.floor(times / LEAST_STEP_S), return_index=True, return_inverse=True)
-        track, ahead = np.array(segment.states)[first], times - LEAST_STEP_S * (cells[nodes] + 0.5)
-        bands, prior = _motion_bands(LEAST_STEP_S * np.diff(cells)), np.linalg.inv(self.covariance)
-        step = np.zeros(len(self.mean))
+        cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
+        track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
+        flight, prior = _motion_information(STEP_S * np.diff(cells)), np.linalg.inv(self.covariance)
+        step, size = np.zeros(len(self.mean)), track.size
         lasting = max(one.unstated for one in observations) * (np.arange(len(step)) % RIG_SIZE == HEADING)
         for _ in range(ITERATIONS):
-            linear = self._linearise(observations, ahead, track[nodes], step)
-            weights = np.linalg.inv(linear.R)
-            weighed_H, weighed_T = weights @ linear.H, weights @ linear.T
-            matrix, vectors, shared = bands.copy(), np.zeros_like(track), np.zeros((*track.shape, len(step)))
-            np.add.at(matrix[:, :6], nodes, linear.H.swapaxes(1, 2) @ weighed_H)
-            np.add.at(vectors, nodes, np.einsum('kia,ki->ka', weighed_H, linear.y))
-            np.add.at(shared, nodes, linear.H.swapaxes(1, 2) @ weighed_T)
-            vectors[0] += np.linalg.solve(WIDE, track[0])
-            both = np.concatenate([vectors[..., None], shared], 2).reshape(track.size, -1)
-            solved = solveh_banded(_banded(matrix), both, lower=True)
-            added = np.einsum('kit,kiu->tu', linear.T, weighed_T) - both[:, 1:].T @ solved[:, 1:]
+            y, A, R = self._linearise(observations, nodes, ahead, track, step)
+            weighed = np.linalg.solve(R, A)
+            matrix, vector = np.einsum('kia,kib->ab', A, weighed, optimize=True), np.einsum('kia,ki->a', weighed, y)
+            vector[:6] += np.linalg.solve(WIDE, track[0])
+            solved = np.linalg.solve(matrix[:size, :size] + flight, np.column_stack([vector[:size], matrix[:size, size:]]))
+            added = matrix[size:, size:] - matrix[size:, :size] @ solved[:, 1:]
             damped = np.linalg.inv(np.eye(len(step)) + added * lasting)
             information = prior + damped @ added
-            step = np.asarray(np.linalg.solve(information, damped @ (np.einsum('kit,ki->t', weighed_T, linear.y)
-                                                                     - both[:, 1:].T @ solved[:, 0])), np.float64)
+            step = np.asarray(np.linalg.solve(information, damped @ (vector[size:] - matrix[size:, :size] @ solved[:, 0])))
             track = (solved[:, 0] - solved[:, 1:] @ step).reshape(track.shape)
         self.mean = self.mean + step
         self.covariance = np.asarray(np.linalg.inv(0.5 * (information + information.T)), np.float64)
 
-    def _linearise(self, observations: Sequence[Observation], ahead: NDArray[np.float64], track: NDArray[np.float64],
-                   step: NDArray[np.float64]) -> _Linear:
-        """The observations about states of the target, of which they are ahead, and headings and clocks that are `step` off."""
+    def _linearise(self, observations: Sequence[Observation], nodes: NDArray[np.intp], ahead: NDArray[np.float64],
+                   track: NDArray[np.float64], step: NDArray[np.float64]
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The k observations as y (k, 2) = A x + noise of covariance R (k, 2, 2), x being the track's states and the step.
+
+        Parameters:
+            observations (k,): of the segment.
+            nodes (k,), ahead (k,) (s): to which state each belongs, and by how much it is later.
+            track (n, 6), step (2 r,): about which they are linearised; the step is what headings and clocks are off.
+        """
         place, unstated = np.array([(one.known.position_sigma, one.unstated) for one in observations]).T
-        rigs = np.array([one.rig for one in observations])
+        rigs, rows = np.array([one.rig for one in observations]), np.arange(len(observations))
         headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + CLOCK]
         speed = np.array([SOUND_SPEED if one.sighting.by_sound else math.inf for one in observations])
         origins = np.array([one.position for one in observations])
-        expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead + clocks, speed)
-        level = np.cos(expected.elevation)
+        expected = apparent_directions(track[nodes, :3], track[nodes, 3:], origins, ahead + clocks, speed)
         angles = np.array([(one.sighting.azimuth, one.sighting.elevation) for one in observations])
-        residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1),
-                                   np.stack([expected.azimuth, expected.elevation], 1))
-        H = np.concatenate([expected.by_position, expected.by_velocity], 2)
-        T = np.zeros((len(rigs), 2, len(step)))
-        rows = np.arange(len(rigs))
-        T[rows, 0, RIG_SIZE * rigs] = -level
-        T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + CLOCK] = expected.by_time
+        residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1), expected.angles)
+        A, of_rigs = np.zeros((len(rows), 2, track.size + len(step))), track.size + RIG_SIZE * rigs
+        A[rows[:, None, None], [[0], [1]], (6 * nodes[:, None] + np.arange(6))[:, None]] = expected.by_state
+        A[rows, 0, of_rigs] = -np.cos(expected.angles[:, 1])
+        A[rows[:, None], [0, 1], of_rigs[:, None] + CLOCK] = expected.by_time
         unstated = unstated + (place / expected.distance) ** 2
         R = np.array([one.sighting.covariance for one in observations]) + unstated[:, None, None] * np.eye(2)
-        S = R + T @ self.covariance @ T.swapaxes(1, 2)
+        S = R + A[:, :, track.size:] @ self.covariance @ A[:, :, track.size:].swapaxes(1, 2)
         R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
-        return _Linear(residuals + np.einsum('kij,kj->ki', H, track) + T @ step, H, T, R)
+        return residuals + A @ np.append(track, step), A, R
 
 
-def _motion_bands(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Information of a track's motion and beginning: (k + 1, 12, 6) of each state (rows 0 to 5) and the next one with it.
+def _motion_information(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Information (6 n, 6 n) of the n states of a track by its motion and its beginning.
 
     Parameters:
-        steps (k,) (s): between the states.
+        steps (n - 1,) (s): between the states.
     """
-    found = np.zeros((len(steps) + 1, 12, 6))
     F, Q = (np.kron(part, np.eye(3)) for part in motion(steps, np.array([[0.0, 1.0], [0.0, 0.0]]), DENSITY))
-    inverse = np.linalg.inv(Q)
-    found[:-1, 6:] = -inverse @ F
-    found[:-1, :6] -= F.swapaxes(1, 2) @ found[:-1, 6:]
-    found[1:, :6] += inverse
-    found[0, :6] += np.linalg.inv(WIDE)
-    return found
-
-
-def _banded(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lower diagonals (12, 6 k) of a matrix by its blocks (k, 12, 6), see `_motion_bands`."""
-    below, column = np.indices((12, 6))
-    padded = np.pad(blocks, ((0, 0), (0, 6), (0, 0)))
-    return np.asarray(padded[:, below + column, column].transpose(1, 0, 2).reshape(12, -1))
+    changes = np.eye(6 * len(steps) + 6)
+    for k, each in enumerate(F):
+        changes[6 * k + 6:6 * k + 12, 6 * k:6 * k + 6] = -each
+    return np.asarray(changes.T @ np.linalg.inv(block_diag(WIDE, *Q)) @ changes)

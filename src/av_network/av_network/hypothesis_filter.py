@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_network import motion_model, sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
-from av_network.motion_model import LEAST_STEP_S, axes_shares, mixed, mixing, target_motion, usual_modes
+from av_network.motion_model import AXES_SHARES, LEAST_STEP_S, mixed, mixing, target_motion, usual_modes
 from av_network.observation import UNSTATED, Observation
 
 MEASURED_SIZE, TARGET_SIZE = 6, 9
@@ -89,7 +89,7 @@ class HypothesisFilter:
         mean, P = np.zeros((k, f, TARGET_SIZE)), np.zeros((k, f, TARGET_SIZE, TARGET_SIZE))
         mean[:, :, :MEASURED_SIZE], P[:, :, :MEASURED_SIZE, :MEASURED_SIZE] = means[:, None], covariances[:, None]
         for index, mode in enumerate(motion_model.MODES):
-            P[:, index, MEASURED_SIZE:, MEASURED_SIZE:] = mode.sigma**2 * np.diag(axes_shares())
+            P[:, index, MEASURED_SIZE:, MEASURED_SIZE:] = mode.sigma**2 * np.diag(AXES_SHARES)
         self.mean, self.covariance = np.concatenate([self.mean, mean]), np.concatenate([self.covariance, P])
         self.modes = np.concatenate([self.modes, np.tile(usual_modes(), (k, 1))])
 
@@ -134,8 +134,8 @@ class HypothesisFilter:
             ahead = np.full(size, time - (self.time or 0.0))
             speed = np.full(size, SOUND_SPEED if by_sound else math.inf)
             expected = apparent_directions(mean[:, :3], mean[:, 3:MEASURED_SIZE], first.position, ahead, speed)
-            residuals[:, chosen] = sphere.offsets(angles[chosen], np.stack([expected.azimuth, expected.elevation], 1)[:, None])
-            H = np.concatenate([expected.by_position, expected.by_velocity], 2)
+            residuals[:, chosen] = sphere.offsets(angles[chosen], expected.angles[:, None])
+            H = expected.by_state
             late = first.known.clock_sigma**2 * expected.by_time[:, :, None] * expected.by_time[:, None]
             place = ((first.known.position_sigma / expected.distance) ** 2)[:, None, None] * np.eye(2)
             jacobians[:, chosen] = H[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,10 +67,8 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
     P = F @ P @ F.swapaxes(-1, -2) + shares[:, None, :, None, None] * Q
     state = np.einsum('kfaij,kfaj->kfai', np.broadcast_to(F, P.shape), state)
     centre = np.einsum('kf,kfa->ka', modes, state[..., 0])
-    ahead = sphere.moved(angles, sphere.vectors(centre, angles))
+    ahead = sphere.moved(angles, centre)
     state[..., 0] -= centre[:, None]
-    carried = sphere.carried(sphere.axes(angles), angles[:, None], ahead[:, None])
-    state = np.einsum('kai,kbi,kfbs->kfas', sphere.axes(ahead), carried, state)
     residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)[:, None] - state[..., 0]
     S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])[:, None]
     gain = P[..., :, 0] / S[..., None]
@@ -93,18 +91,14 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
         density (1/sr): of targets that are not tracked yet.
     """
     distances = np.maximum(np.linalg.norm(places - np.array([one.position for one in observations]), axis=1), 1.0)
-    known = [(each, one, distance) for each, one, distance in zip(tracks, observations, distances, strict=True)
-             if each is not None]
-    followed: Iterator[tuple[LoneTrack, float]] = iter(())
+    found = [(begin(one, distance), math.log(density)) for one, distance in zip(observations, distances, strict=True)]
+    known = [k for k, each in enumerate(tracks) if each is not None]
     if known:
-        earlier, newer, away = zip(*known, strict=True)
-        followed = iter(zip(*follow(earlier, newer, np.array(away)), strict=True))
-    found: list[tuple[LoneTrack, float]] = []
-    for each, one, distance in zip(tracks, observations, distances, strict=True):
-        track, logarithm = next(followed) if each is not None else (None, -math.inf)
-        # The rig may have changed its mind about the side, or have lost its target to another one.
-        found.append((track, float(logarithm)) if track is not None and logarithm > math.log(density)
-                     else (begin(one, distance), math.log(density)))
+        followed = follow([each for each in tracks if each is not None], [observations[k] for k in known], distances[known])
+        for k, track, logarithm in zip(known, *followed, strict=True):
+            # Else the rig may have changed its mind about the side, or have lost its target to another one.
+            if logarithm > math.log(density):
+                found[k] = track, float(logarithm)
     return found
 
 

@@ -14,6 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
+from av_network import sphere
 from av_network.motion_model import SPEED_SIGMA
 from av_network.network_target import TargetState
 from av_network.observation import MOST_TRACKS, Observation, Report, Sighting
@@ -118,10 +119,8 @@ def direction_message(identifier: int, rig: str, observation: Observation, headi
         heading (rad): correction of the rig's heading.
     """
     one = observation.sighting
-    unit = angles_to_direction(one.azimuth + heading, one.elevation)
-    azimuth = math.atan2(unit[1], unit[0])
-    across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    axes = np.stack([across, np.cross(unit, across)], 1)
+    angles = np.array([one.azimuth + heading, one.elevation])
+    unit, axes = angles_to_direction(*angles), sphere.axes(angles).T
     variances = np.linalg.inv(np.linalg.inv(one.covariance) + np.eye(2)) * ASSUMED_DISTANCE_M**2
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = axes @ variances @ axes.T + ASSUMED_DISTANCE_M**2 * np.outer(unit, unit)

@@ -31,6 +31,7 @@ MANOEUVRE = Mode(3.8, 0.6, 1.5)
 MODES = (STEADY, MANOEUVRE)
 SPEED_SIGMA = 8.0  # m/s, prior standard deviation of a target's velocity along each horizontal axis
 CLIMB_SHARE = 0.3  # standard deviations of vertical velocities and accelerations over those of horizontal ones
+AXES_SHARES = np.array([1.0, 1.0, CLIMB_SHARE**2])  # variances of velocity and acceleration along east, north and up
 VELOCITY_MEMORY_S = 16.0  # in which a velocity falls to 1 / e of itself, unless measured anew (decisions.md, several rigs)
 LEAST_STEP_S = 0.05  # of a prediction: accelerations move a target by millimetres in less
 LONGEST_STEP_S = 10.0  # more than a target lasts without reports; of longer ones the exponential would lose its precision
@@ -72,11 +73,6 @@ def axis_motion(steps: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return F, Q
 
 
-def axes_shares() -> NDArray[np.float64]:
-    """Variances (3,) of velocity and acceleration along east, north and up over those of the horizontal axes."""
-    return np.array([1.0, 1.0, CLIMB_SHARE**2])
-
-
 def target_motion(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Transitions (m, 9, 9) and covariances (m, 9, 9) of the noise of position, velocity and acceleration (ENU) in each mode.
 
@@ -84,12 +80,7 @@ def target_motion(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]
         step (s): of time.
     """
     F, Q = (part[0] for part in axis_motion(np.array([step])))
-    return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, np.diag(axes_shares())), np.float64)
-
-
-def velocity_covariance() -> NDArray[np.float64]:
-    """Prior covariance (3, 3) of a target's velocity (m^2/s^2), ENU."""
-    return SPEED_SIGMA**2 * np.diag(axes_shares())
+    return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, np.diag(AXES_SHARES)), np.float64)
 
 
 def usual_modes() -> NDArray[np.float64]:
@@ -98,32 +89,21 @@ def usual_modes() -> NDArray[np.float64]:
     return durations / durations.sum()
 
 
-def changes(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Probabilities (k, m, m) that a target in one mode of flight (row) is in another one (column) after a time.
-
-    A change leads to any mode by its usual probability, at rates that keep those.
-
-    Parameters:
-        steps (k,) (s): the times; negative ones count as 0.
-    """
-    usual = usual_modes()
-    rate = sum(1.0 / mode.duration for mode in MODES)
-    stay = np.exp(-rate * np.maximum(steps, 0.0))[:, None, None]
-    return np.asarray(stay * np.eye(len(usual)) + (1.0 - stay) * usual)
-
-
 def mixing(weights: NDArray[np.float64], steps: NDArray[np.float64]
            ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Probabilities (k, m) of the modes after a time, and of each earlier mode (row) given the later one (column), (k, m, m).
 
-    The first step of the interacting multiple model (Blom and Bar-Shalom 1988; Bar-Shalom, Li and Kirubarajan, Estimation with
-    Applications to Tracking and Navigation, 2001, section 11.6.6).
+    A change leads to any mode by its usual probability, at rates that keep those. The first step of the interacting multiple
+    model (Blom and Bar-Shalom 1988; Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
+    2001, section 11.6.6).
 
     Parameters:
         weights (k, m): probabilities of the modes.
-        steps: see `changes`.
+        steps (k,) (s): the times; negative ones count as 0.
     """
-    joint = weights[:, :, None] * changes(steps)
+    usual, rate = usual_modes(), sum(1.0 / mode.duration for mode in MODES)
+    stay = np.exp(-rate * np.maximum(steps, 0.0))[:, None, None]
+    joint = weights[:, :, None] * (stay * np.eye(len(usual)) + (1.0 - stay) * usual)
     after = joint.sum(axis=1)
     return after, joint / after[:, None]
 

@@ -10,14 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from av_network.lone_track import LoneTrack
-from av_network.observation import Observation
+from av_network.observation import Observation, Sighting
 
-SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
-MOST_CLASSES = 100  # names by which rigs have called a target; detectors know 80
 SUPPORT_S = 1.5  # since a track's newest observation, for which its rig counts as observing the target: six reports
 WELL_SUPPORTED = 3  # rigs, from which a target's tracks are not thought of otherwise
 
@@ -26,16 +25,21 @@ class Member(NamedTuple):
     """A rig's track of a target.
 
     Parameters:
-        id: of the track.
-        last (s): time of its newest observation that was used, by the reference clock.
+        sighting: its newest one that was used.
+        last (s): the time of that, by the reference clock.
         gain: what it has added to the target's score.
         alone: the track as a target of its own.
     """
 
-    id: int
+    sighting: Sighting
     last: float
     gain: float
     alone: LoneTrack
+
+    @property
+    def id(self) -> int:
+        """Of the track."""
+        return self.sighting.id
 
 
 @dataclass
@@ -45,26 +49,20 @@ class NetworkTarget:
     Parameters:
         started (s): time of its first observation.
         measured (s): time of its newest observation.
-        supported (s): time of its newest observation while another rig observed it, too.
         id: counted up; 0 for a candidate.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
         members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
         refuted: whether an observation cannot stem from it.
-        classes: how often the rigs named each class.
-        log_odds_drone: running mean of the logarithms of the odds that the rigs report for a drone; NaN while unknown.
     """
 
     started: float
     measured: float
-    supported: float = -math.inf
     id: int = 0
     odds: float = 0.0
     members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
     refuted: bool = False
-    classes: Counter[str] = field(default_factory=Counter)
-    log_odds_drone: float = math.nan
 
     @property
     def confirmed(self) -> bool:
@@ -94,30 +92,23 @@ class NetworkTarget:
             gain: logarithm of its density over that if it stemmed from another target.
             alone: the rig's track as that other target.
         """
-        sighting, before = one.sighting, self.member(one.rig, one.sighting.id)
-        gain += before.gain if before else 0.0
-        self.members[one.rig] = Member(sighting.id, time, gain, alone)
+        before = self.member(one.rig, one.sighting.id)
+        self.members[one.rig] = Member(one.sighting, time, gain + (before.gain if before else 0.0), alone)
         self.measured = max(self.measured, time)
-        if any(member.last >= time - SUPPORT_S for other, member in self.members.items() if other != one.rig):
-            self.supported = max(self.supported, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
-        if sighting.class_id and (sighting.class_id in self.classes or len(self.classes) < MOST_CLASSES):
-            self.classes[sighting.class_id] += 1
-        if math.isfinite(sighting.drone_probability):
-            p = min(max(sighting.drone_probability, 0.01), 0.99)
-            odds = math.log(p / (1.0 - p))
-            known = math.isfinite(self.log_odds_drone)
-            self.log_odds_drone = self.log_odds_drone + (odds - self.log_odds_drone) / SIGHT_MEMORY if known else odds
 
     @property
     def drone_probability(self) -> float:
-        """Probability that it is a drone, by the mean of the rigs' log-odds; NaN while unknown."""
-        return 1.0 / (1.0 + math.exp(-self.log_odds_drone)) if math.isfinite(self.log_odds_drone) else math.nan
+        """Probability that it is a drone, by the mean of the log-odds that its rigs have told last; NaN while unknown."""
+        told = [member.sighting.drone_probability for member in self.members.values()]
+        odds = logit(np.clip([each for each in told if math.isfinite(each)], 0.01, 0.99))
+        return float(expit(np.mean(odds))) if len(odds) else math.nan
 
     @property
     def class_id(self) -> str:
-        """The class that was named most often; empty while unknown."""
-        return self.classes.most_common(1)[0][0] if self.classes else ''
+        """The class that most of its rigs have named last; empty while unknown."""
+        named = Counter(member.sighting.class_id for member in self.members.values() if member.sighting.class_id)
+        return named.most_common(1)[0][0] if named else ''
 
 
 class TargetState(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a rig's measurements added since its last report, as it tells it, and its directions as the trackers use them."""
+"""What is known of a rig, what its measurements added since its last report, and its directions as the trackers use them."""
 
 from __future__ import annotations
 
@@ -57,6 +57,23 @@ class Report(NamedTuple):
     sightings: tuple[Sighting, ...]
 
 
+@dataclass(frozen=True)
+class RigSettings:
+    """What is known beforehand of a rig.
+
+    Parameters:
+        name: its namespace, without slashes.
+        heading_sigma (rad): standard deviation of the heading that the rig believes.
+        clock_sigma (s): standard deviation of its clock's offset from the reference clock; 0 for the rig with that clock.
+        position_sigma (m): standard deviation of its position along each axis.
+    """
+
+    name: str
+    heading_sigma: float = math.radians(3.0)
+    clock_sigma: float = 0.05
+    position_sigma: float = 0.1
+
+
 class RigState(NamedTuple):
     """What is known of a rig.
 
@@ -106,16 +123,7 @@ class Observation:
         return np.array([self.sighting.azimuth + self.known.heading, self.sighting.elevation])
 
     @cached_property
-    def level(self) -> float:
-        """Horizontal angle over that of the azimuth."""
-        return math.cos(self.sighting.elevation)
-
-    @cached_property
-    def lasting(self) -> NDArray[np.float64]:
-        """Variances (2,) (rad^2) of the horizontal and vertical errors that last."""
-        return np.array([self.unstated + (self.known.heading_sigma * self.level) ** 2, self.unstated])
-
-    @cached_property
     def covariance(self) -> NDArray[np.float64]:
         """Of the horizontal and vertical error (2, 2) (rad^2), of all kinds."""
-        return self.sighting.covariance + np.diag(self.lasting)
+        turned = self.known.heading_sigma * math.cos(self.sighting.elevation)
+        return self.sighting.covariance + np.diag([self.unstated + turned**2, self.unstated])

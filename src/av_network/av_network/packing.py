@@ -28,9 +28,6 @@ def best_packing(scores: Sequence[float], members: Members) -> NDArray[np.bool_]
     if not worthy:
         return chosen
     uses = _uses([members[index] for index in worthy])
-    if np.all(uses.sum(axis=1) <= 1.0):
-        chosen[worthy] = True
-        return chosen
     found = milp(-np.array(scores)[worthy], integrality=np.ones(len(worthy)), bounds=Bounds(0.0, 1.0),
                  constraints=LinearConstraint(uses, -np.inf, 1.0))
     if found.x is not None:

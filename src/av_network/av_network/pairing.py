@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from av_common.angles import angles_to_direction
 from av_network.apparent_direction import SOUND_SPEED
 from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, largest_sigmas
 from av_network.lone_track import begin
-from av_network.motion_model import SPEED_SIGMA, velocity_covariance
+from av_network.motion_model import AXES_SHARES, SPEED_SIGMA
 from av_network.network_target import Member, NetworkTarget, membership
 from av_network.observation import Observation
 
@@ -23,7 +22,6 @@ WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
 MOST_CANDIDATES = 40  # that are examined at a time
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
-MOST_PROPOSED = 8  # candidates by one report
 MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
 MOST_APART = 9.0  # squared distance of two directions where they are closest, over its variance
 LEAST_SINE_SQUARED = 1e-3  # of the angle between two directions
@@ -135,7 +133,7 @@ class Pairing:
                         if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
         others = [one for _, other in recent for one in self._contested[other][1]]
         self._contested[rig] = time, reported
-        room = min(MOST_PROPOSED, MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses))
+        room = MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses)
         if not others or room <= 0:
             return
         lines = lines_of([*reported, *others])
@@ -158,7 +156,7 @@ class Pairing:
         """Candidates of pairs, whose score is the Bayes factor of one target against two; targets are uniform in space."""
         begun = states.count
         means = np.concatenate([places, np.zeros((len(pairs), 3))], 1)
-        states.add(means, np.array([block_diag(WIDE_M**2 * np.eye(3), velocity_covariance())] * len(pairs)))
+        states.add(means, np.array([np.diag([*[WIDE_M**2] * 3, *SPEED_SIGMA**2 * AXES_SHARES])] * len(pairs)))
         # The prior of the update is Gaussian and wide; at its centre it is replaced by the uniform one.
         prior = math.log(3.0 / self._most_distance**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
         scores = np.full(len(pairs), prior - math.log(density))
@@ -178,5 +176,5 @@ class Pairing:
         possible = (scores > HOPELESS) & (largest_sigmas(new_covariances) < 2.0 * MOST_SIGMA_M)
         states.keep([*range(begun), *(begun + np.flatnonzero(possible))])
         return [NetworkTarget(time, time, members={
-            one.rig: Member(one.sighting.id, time, 0.5 * float(scores[row]), begin(one, float(nearest[row])))
+            one.rig: Member(one.sighting, time, 0.5 * float(scores[row]), begin(one, float(nearest[row])))
             for one in pairs[row]}) for row in np.flatnonzero(possible)]

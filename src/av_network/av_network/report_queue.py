@@ -58,9 +58,3 @@ class ReportQueue:
         while self._heap and self._heap[0][0] <= complete:
             self._released, _, report = heapq.heappop(self._heap)
             yield report
-
-    def reset(self) -> None:
-        """Forget all reports, as after a step of the clock."""
-        self._heap.clear()
-        self._newest.clear()
-        self._released = -math.inf

@@ -18,7 +18,7 @@ REPORTED_ERROR_M = 7.0  # root mean square error of a position, by its covarianc
 REPORTED_SHARE = 0.1  # of the distance from the nearest rig, up to which that error may grow
 COAST_S = 8.0  # after which a track without reports has lost half of its probability of existence, and ends
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
-SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
+SUPPORTED_S = 4.0  # since the newest observation of a second rig, for which a position is reported
 LEAST_VARIANCE = 1e-12  # rad^2, of an error that lasts
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
@@ -42,7 +42,8 @@ def target_states(states: HypothesisFilter, calibration: RigCalibration, hypothe
     offsets = means[:, None, :3] - np.array(list(places.values()))
     variances = states.unstated + np.stack([calibration.heading_variances[list(places)], np.zeros(len(places))], 1)
     covariances[:, :3, :3] += lasting_errors(covariances[:, :3, :3], offsets, variances, observing)
-    precise = are_precise(covariances, offsets)
+    nearest, errors = np.linalg.norm(offsets, axis=2).min(axis=1), np.trace(covariances[:, :3, :3], axis1=1, axis2=2)
+    precise = errors <= np.maximum(REPORTED_ERROR_M, REPORTED_SHARE * nearest) ** 2
     found = []
     for row, target in enumerate(targets):
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
@@ -81,16 +82,5 @@ def is_credible(target: NetworkTarget, time: float) -> bool:
         target: the target.
         time (s): by the reference clock.
     """
-    most = CONSISTENT + max(len(target.tracks(time - SUPPORTED_S)) - WELL_SUPPORTED, 0)
-    return target.odds > 0.0 and time - target.supported < SUPPORTED_S and target.nis < most
-
-
-def are_precise(covariances: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether (n,) the root mean square errors of positions by their covariances are as small as asked.
-
-    Parameters:
-        covariances (n, 9, 9): of the targets.
-        offsets (n, r, 3) (m): of their positions from each rig.
-    """
-    most = np.maximum(REPORTED_ERROR_M, REPORTED_SHARE * np.linalg.norm(offsets, axis=2).min(axis=1))
-    return np.asarray(np.trace(covariances[:, :3, :3], axis1=1, axis2=2) <= most**2)
+    observing = len(target.tracks(time - SUPPORTED_S))
+    return target.odds > 0.0 and observing > 1 and target.nis < CONSISTENT + max(observing - WELL_SUPPORTED, 0)

@@ -31,29 +31,13 @@ def offsets(angles: Array, references: Array) -> Array:
 
 
 def moved(references: Array, arcs: Array) -> Array:
-    """Directions (..., 2) (azimuth, elevation) (rad) at arcs (..., 3) from others: the inverse of `offsets`.
+    """Directions (..., 2) (azimuth, elevation) (rad) at arcs (..., 2) from others: the inverse of `offsets`.
 
     Parameters:
         references (..., 2) (rad): where the arcs begin.
-        arcs (..., 3) (rad): vectors in the world, perpendicular to the references.
+        arcs (..., 2) (rad): across and up.
     """
-    length = np.linalg.norm(arcs, axis=-1, keepdims=True)
+    along = np.einsum('...i,...ij->...j', arcs, axes(references))
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
     units = angles_to_direction(references[..., 0], references[..., 1])
-    return np.stack(direction_to_angles(np.cos(length) * units + np.sinc(length / np.pi) * arcs), -1)
-
-
-def vectors(arcs: Array, references: Array) -> Array:
-    """Arcs (..., 2) across and up at references (..., 2) as vectors (..., 3) in the world."""
-    return np.asarray(np.einsum('...i,...ij->...j', arcs, axes(references)))
-
-
-def carried(arcs: Array, begin: Array, end: Array) -> Array:
-    """Vectors (..., 3) perpendicular to directions (..., 2), carried along great circles to others (..., 2).
-
-    Parameters:
-        arcs (..., 3): vectors in the world.
-        begin, end (..., 2) (rad): where they are, and where they come to, which is not opposite.
-    """
-    a, b = (angles_to_direction(each[..., 0], each[..., 1]) for each in (begin, end))
-    along = np.sum(arcs * b, axis=-1) / np.maximum(1.0 + np.sum(a * b, axis=-1), 1e-12)
-    return np.asarray(arcs - along[..., None] * (a + b))
+    return np.stack(direction_to_angles(np.cos(length) * units + np.sinc(length / np.pi) * along), -1)

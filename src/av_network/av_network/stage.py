@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from geometry_msgs.msg import Point, PointStamped
@@ -15,17 +15,18 @@ from std_msgs.msg import Header
 from av_common.cue import CUE_SIGMA
 from av_common.frames import MAP_FRAME
 from av_common.freshness import FUTURE_S
+from av_common.geodesy import geodetic_to_enu
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.hypothesis_filter import largest_sigmas
-from av_network.messages import PUBLISHED, check_age, direction_message, is_place, report_of, target_message
+from av_network.messages import MOST_POSITION_M, PUBLISHED, check_age, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
+from av_network.observation import RigSettings
 from av_network.report_queue import ReportQueue
 from av_network.reporting import RECENT_S
-from av_network.settings import Datum, RigSettings, to_enu
 from av_network.tracker import NetworkTracker
 
-NO_DATUM = Datum()
+NO_DATUM = (math.nan,) * 3
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 WAIT_S = 1.0  # see `ReportQueue`
 CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
@@ -48,9 +49,23 @@ class RigPlace:
 
 
 @dataclass
-class RigStatistics:
-    """What came from a rig: bytes, newest capture time (s) by its clock, and reports before its place was known."""
+class RigInput:
+    """What came from a rig.
 
+    Parameters:
+        place: how its place is known.
+        position (3,) (m): where it is, ENU; None while unknown.
+        fixed (s): when its place by satellites arrived.
+        unresolved: ids of its tracks that are not known from their mirror images.
+        size (bytes): of its reports.
+        newest (s): capture time by its clock.
+        unplaced: number of reports before its place was known.
+    """
+
+    place: RigPlace
+    position: NDArray[np.float64] | None
+    fixed: float = -math.inf
+    unresolved: set[int] = field(default_factory=set)
     size: int = 0
     newest: float = -math.inf
     unplaced: int = 0
@@ -62,27 +77,23 @@ class NetworkStage:
     Attributes:
         tracker: the tracker.
         queue: orders the reports.
-        statistics: what came from each rig.
+        rigs: what came from each, by its name, in the order of the tracker.
 
     Parameters:
         rigs: what is known of each.
         places: how the place of each is known.
-        datum: of the origin.
+        datum: latitude, longitude (deg) and altitude above the ellipsoid (m) of the origin; NaN where they are not known.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace], datum: Datum = NO_DATUM) -> None:
+    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace],
+                 datum: tuple[float, float, float] = NO_DATUM) -> None:
         self._datum = datum
-        self.tracker = NetworkTracker(rigs)
-        self.queue = ReportQueue(WAIT_S)
-        self.statistics = {rig.name: RigStatistics() for rig in rigs}
-        self._names = [rig.name for rig in rigs]
-        self._places = dict(zip(self._names, places, strict=True))
-        self._positions: dict[str, NDArray[np.float64]] = {
-            name: place.position for name, place in self._places.items() if place.source == SURVEYED}
-        self._fixed: dict[str, float] = {}  # when places by satellites arrived
-        self._unresolved: dict[str, set[int]] = {name: set() for name in self._names}  # ids of the rig's tracks
+        self.tracker, self.queue = NetworkTracker(()), ReportQueue(WAIT_S)
+        self.rigs: dict[str, RigInput] = {}
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
+        for rig, place in zip(rigs, places, strict=True):
+            self.join(rig, place)
 
     def join(self, rig: RigSettings, place: RigPlace) -> None:
         """Take one more rig. Raises ValueError for a name that is known already.
@@ -92,10 +103,7 @@ class NetworkStage:
             place: how its place is known.
         """
         self.tracker.join(rig)
-        self._names.append(rig.name)
-        self.statistics[rig.name], self._places[rig.name], self._unresolved[rig.name] = RigStatistics(), place, set()
-        if place.source == SURVEYED:
-            self._positions[rig.name] = place.position
+        self.rigs[rig.name] = RigInput(place, place.position if place.source == SURVEYED else None)
 
     def on_report(self, rig: str, message: RigReport, size: int, arrival: float) -> None:
         """Take a rig's report. Raises ValueError for what cannot be used.
@@ -106,22 +114,20 @@ class NetworkStage:
             size (bytes): of the message.
             arrival (s): time of its arrival.
         """
-        statistics, place = self.statistics[rig], self._places[rig]
-        statistics.size += size
+        found = self.rigs[rig]
+        found.size += size
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
         check_age(rig, arrival - self.tracker.corrected_time(index, stamp),
                   FUTURE_S + CERTAIN * self.tracker.calibration.known(index).clock_sigma)
-        if place.source == ODOMETRY:
-            self._positions.pop(rig, None)  # without odometry, its heading is not known either
-            if is_place(message.position):
-                self._positions[rig] = place.position + message.position
-        if rig not in self._positions:
-            statistics.unplaced += 1
+        if found.place.source == ODOMETRY:  # without it, the heading is not known either
+            found.position = found.place.position + message.position if is_place(message.position) else None
+        if found.position is None:
+            found.unplaced += 1
             return
-        report = report_of(message, rig, self._positions[rig], place.heading)
-        statistics.newest = max(stamp, statistics.newest)
-        self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
+        report = report_of(message, rig, found.position, found.place.heading)
+        found.newest = max(stamp, found.newest)
+        found.unresolved = {one.id for one in message.directions if not one.resolved}
         self.queue.put(report, self.tracker.corrected_time(index, stamp))
 
     def on_fix(self, rig: str, message: NavSatFix, arrival: float) -> None:
@@ -132,27 +138,31 @@ class NetworkStage:
             message: the position, which counts for FIX_S.
             arrival (s): time of its arrival.
         """
-        if message.status.status < NavSatStatus.STATUS_FIX:
-            raise ValueError(f'{rig} has no fix')
-        self._positions[rig] = to_enu(Datum(message.latitude, message.longitude, message.altitude), self._datum)
-        self._fixed[rig] = arrival
+        place = (message.latitude, message.longitude, message.altitude)
+        if message.status.status < NavSatStatus.STATUS_FIX or not np.all(np.abs(place) <= (90.0, 180.0, MOST_POSITION_M)):
+            raise ValueError(f'{rig} has no fix: status {message.status.status}, {place}')
+        self.rigs[rig].position, self.rigs[rig].fixed = geodetic_to_enu(place, self._datum), arrival
 
     def output(self, now: float) -> WorldTrackArray:
         """All targets at a time (s), after the reports that are complete by then."""
         if now < self._now - FUTURE_S:  # the clock was set back
-            self._restart()
+            self.queue = ReportQueue(WAIT_S)
+            self.tracker.reset()
+            for each in self.rigs.values():
+                each.newest = -math.inf
         self._now = now
-        for rig in [rig for rig, arrival in self._fixed.items() if not 0.0 <= now - arrival <= FIX_S]:
-            del self._fixed[rig], self._positions[rig]
+        for each in self.rigs.values():
+            if each.place.source == FIX and not 0.0 <= now - each.fixed <= FIX_S:
+                each.position = None
         for report in self.queue.ready(now):
             self.tracker.use(report)
-        tracks = [target_message(state, self._names) for state in self.tracker.states(now)
+        names = list(self.rigs)
+        tracks = [target_message(state, names) for state in self.tracker.states(now)
                   if state.existence >= PUBLISHED and (state.positioned or state.rigs)]
         tracks = sorted(tracks + self._lone(now), key=lambda track: track.id)
-        datum = self._datum
-        return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=MAP_FRAME), latitude=datum.latitude,
-                               longitude=datum.longitude, altitude=datum.altitude, tracks=tracks,
-                               rigs=[self._pose(name) for name in sorted(self._names)])
+        latitude, longitude, altitude = self._datum
+        return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=MAP_FRAME), latitude=latitude, longitude=longitude,
+                               altitude=altitude, tracks=tracks, rigs=[self._pose(name) for name in sorted(names)])
 
     def cues(self, now: float) -> dict[str, PointStamped]:
         """For each rig the place of the nearest target that it does not report, or not on a certain side.
@@ -164,50 +174,46 @@ class NetworkStage:
         """
         found = {}
         positioned = [state for state in self.tracker.states(now) if state.existence >= PUBLISHED and state.positioned]
-        for index, name in enumerate(self._names):
-            place = self._positions.get(name)
+        for index, (name, rig) in enumerate(self.rigs.items()):
+            place = rig.position
             if place is None:
                 continue
-            offsets = [state.mean[:3] - place for state in positioned if self._lacks(index, state) and _is_known(state, place)]
+            offsets = [state.mean[:3] - place for state in positioned
+                       if _lacks(index, rig.unresolved, state) and _is_known(state, place)]
             if not offsets:
                 continue
             x, y, z = map(float, offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))])
-            turn = -self.tracker.calibration.known(index).heading - self._places[name].heading
+            turn = -self.tracker.calibration.known(index).heading - rig.place.heading
             point = Point(x=x * math.cos(turn) - y * math.sin(turn), y=x * math.sin(turn) + y * math.cos(turn), z=z)
             found[name] = PointStamped(header=Header(stamp=to_stamp(now), frame_id=f'{name}/world'), point=point)
         return found
 
-    def _lacks(self, rig: int, state: TargetState) -> bool:
-        """Whether others have measured a target that a rig does not report, or not told from its mirror image."""
-        ours = rig in state.rigs and state.target.members[rig].id not in self._unresolved[self._names[rig]]
-        return not ours and any(other != rig for other in state.rigs)
-
     def _lone(self, now: float) -> list[WorldTrack]:
         """Targets that a single rig reports, in their direction."""
-        found = []
+        found, names = [], list(self.rigs)
         for key, (one, time) in self.tracker.unexplained.items():
             if now - time > RECENT_S or not one.sighting.resolved:
                 continue
             if key not in self._lone_ids:
                 self._lone_ids[key] = self.tracker.new_id()
             heading = self.tracker.calibration.known(one.rig).heading
-            found.append(direction_message(self._lone_ids[key], self._names[one.rig], one, heading))
+            found.append(direction_message(self._lone_ids[key], names[one.rig], one, heading))
         self._lone_ids = {key: value for key, value in self._lone_ids.items() if key in self.tracker.unexplained}
         return found
 
     def _pose(self, name: str) -> RigPose:
-        known = self.tracker.calibration.known(self.tracker.rigs[name])
-        x, y, z = map(float, self._positions.get(name, np.full(3, math.nan)))
+        known, rig = self.tracker.calibration.known(self.tracker.rigs[name]), self.rigs[name]
+        x, y, z = map(float, np.full(3, math.nan) if rig.position is None else rig.position)
         return RigPose(name=name, position=Point(x=x, y=y, z=z), position_sigma=known.position_sigma,
-                       heading_correction=known.heading + self._places[name].heading, heading_sigma=known.heading_sigma,
+                       heading_correction=known.heading + rig.place.heading, heading_sigma=known.heading_sigma,
                        clock_offset=known.clock, clock_sigma=known.clock_sigma,
-                       measured=to_stamp(max(self.statistics[name].newest, 0.0)))
+                       measured=to_stamp(max(rig.newest, 0.0)))
 
-    def _restart(self) -> None:
-        self.queue.reset()
-        self.tracker.reset()
-        for each in self.statistics.values():
-            each.newest = -math.inf
+
+def _lacks(rig: int, unresolved: set[int], state: TargetState) -> bool:
+    """Whether others have measured a target that a rig does not report, or not told from its mirror image."""
+    ours = rig in state.rigs and state.target.members[rig].id not in unresolved
+    return not ours and any(other != rig for other in state.rigs)
 
 
 def _is_known(state: TargetState, place: NDArray[np.float64]) -> bool:

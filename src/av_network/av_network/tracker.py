@@ -13,11 +13,10 @@ from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
-from av_network.observation import MOST_TRACKS, Observation, Report
+from av_network.observation import MOST_TRACKS, Observation, Report, RigSettings
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
 from av_network.reporting import COAST_S, target_states
-from av_network.settings import RigSettings
 from av_network.trust import RigTrust
 
 MOST_DISTANCE_M = 400.0  # of a target from a rig; farther ones have no position
@@ -66,7 +65,7 @@ class NetworkTracker:
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._pairing = Pairing(self._most_distance)
-        self.trust = RigTrust(len(self._known))
+        self.trust = RigTrust()
         self._decided = -math.inf
         self._density = TARGET_DENSITY  # 1/sr, of directions that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
@@ -78,7 +77,6 @@ class NetworkTracker:
         self.rigs[rig.name] = len(self._known)
         self._known.append(rig)
         self.calibration.join(rig)
-        self.trust.join()
 
     def new_id(self) -> int:
         """An id that no other target has."""
@@ -209,7 +207,7 @@ class NetworkTracker:
         for k, (each, one) in enumerate(zip(targets, used, strict=True)):
             each.note(one, time, float(picked.squared[k]), float(gains[k]), alone[k][0])
         self.filter.update(rows, picked)
-        sure = np.array([not one.sighting.by_sound and each.confirmed and each.supported >= time
+        sure = np.array([not one.sighting.by_sound and each.confirmed and len(each.tracks(time - SUPPORT_S)) > 1
                          for each, one in zip(targets, used, strict=True)], bool)
         if np.any(sure):
             self.filter.learn_errors(Innovations(*(part[sure] for part in picked)))
@@ -237,30 +235,21 @@ class NetworkTracker:
         kept: list[int] = []
         used: list[set[tuple[int, int]]] = []
         candidates = 0
-        for row in sorted(range(len(self.hypotheses)), key=lambda row: self._rank(self.hypotheses[row], time)):
-            each = self.hypotheses[row]
-            keys = each.tracks(time - SUPPORT_S)
-            if (self._is_lost if each.confirmed else self._is_hopeless)(each, float(sigmas[row]), time):
-                continue
-            if not each.confirmed:
-                same = any(keys <= other or len(keys & other) >= WELL_SUPPORTED for other in used)
-                if same or time - each.measured > 2.0 or candidates >= MOST_CANDIDATES:
-                    continue
-                candidates += 1
-            used.append(keys)
-            kept.append(row)
+        present = [each.tracks(time - SUPPORT_S) for each in self.hypotheses]
+        ranks = [(not each.confirmed, -each.score(keys)) for each, keys in zip(self.hypotheses, present, strict=True)]
+        for row in sorted(range(len(ranks)), key=ranks.__getitem__):
+            each, keys = self.hypotheses[row], present[row]
+            if each.confirmed:
+                ends = sigmas[row] > MOST_SIGMA_M or time - each.measured > COAST_S
+            else:
+                ends = (each.refuted or len(each.members) < 2 or each.score(each.tracks()) < HOPELESS
+                        or sigmas[row] > 2.0 * MOST_SIGMA_M or time - each.measured > 2.0 or candidates >= MOST_CANDIDATES
+                        or any(keys <= other or len(keys & other) >= WELL_SUPPORTED for other in used))
+                candidates += not ends
+            if not ends:
+                used.append(keys)
+                kept.append(row)
         self._keep(kept)
-
-    def _is_lost(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return sigma > MOST_SIGMA_M or time - each.measured > COAST_S
-
-    def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:
-        return (each.refuted or len(each.members) < 2 or each.score(each.tracks()) < HOPELESS
-                or sigma > 2.0 * MOST_SIGMA_M)
-
-    @staticmethod
-    def _rank(each: NetworkTarget, time: float) -> tuple[bool, float]:
-        return not each.confirmed, -each.score(each.tracks(time - SUPPORT_S))
 
     def _keep(self, kept: Sequence[int]) -> None:
         if len(kept) == len(self.hypotheses):

@@ -17,20 +17,12 @@ class RigTrust:
     tracks, too. One that is wrong, as its heading is far off or its reports are forged, agrees with others only by chance. A
     rig is used while it is more probably right than wrong. This is a sequential test (Wald, Sequential Analysis, 1947) with a
     forgetting that lets rigs in again.
-
-    Parameters:
-        rigs: their number; all count as right at first.
     """
 
-    def __init__(self, rigs: int) -> None:
+    def __init__(self) -> None:
         self._most = math.log(CHANGE_S / EVIDENCE_S - 1.0)
-        self._odds = [self._most] * rigs
-        self._noted: list[dict[int, float]] = [{} for _ in range(rigs)]
-
-    def join(self) -> None:
-        """Take one more rig, which counts as right."""
-        self._odds.append(self._most)
-        self._noted.append({})
+        self._odds: dict[int, float] = {}  # as far as they are not the most, as at first
+        self._noted: dict[int, dict[int, float]] = {}
 
     def note(self, rig: int, agreeing: Mapping[int, bool], share: float, time: float) -> None:
         """Note a report.
@@ -41,14 +33,15 @@ class RigTrust:
             share: of the others' tracks that are on targets.
             time (s): by the reference clock.
         """
-        noted = self._noted[rig] = {track: last for track, last in self._noted[rig].items() if 0.0 <= time - last < CHANGE_S}
+        before = self._noted.get(rig, {})
+        noted = self._noted[rig] = {track: last for track, last in before.items() if 0.0 <= time - last < CHANGE_S}
         usual = min(max(share, BY_CHANCE), AGREES)
         for track, agrees in agreeing.items():
             weight = min((time - noted.get(track, -math.inf)) / EVIDENCE_S, 1.0)
             ratio = math.log(usual / BY_CHANCE if agrees else (1.0 - usual) / (1.0 - BY_CHANCE))
-            self._odds[rig] = min(max(self._odds[rig] + weight * ratio, -self._most), self._most)
+            self._odds[rig] = min(max(self._odds.get(rig, self._most) + weight * ratio, -self._most), self._most)
             noted[track] = time
 
     def __contains__(self, rig: object) -> bool:
         """Whether a rig, by its index, is more probably right than wrong."""
-        return isinstance(rig, int) and self._odds[rig] >= 0.0
+        return isinstance(rig, int) and self._odds.get(rig, self._most) >= 0.0

@@ -115,7 +115,7 @@ def test_a_rig_that_comes_back_is_waited_for():
 
 def test_a_rig_is_trusted_while_it_is_more_probably_right():
     """Against the posterior odds by hand; directions of one track count once a second, and one that agrees is used again."""
-    trust = RigTrust(2)
+    trust = RigTrust()
     for k in range(5):
         trust.note(1, {7: False}, 1.0, float(k))
     assert 0 in trust and 1 in trust, 'one track that nobody else has is no proof: 4.08 - 5 * 0.64'
@@ -132,7 +132,7 @@ def test_a_rig_is_trusted_while_it_is_more_probably_right():
 
 def test_tracks_that_nobody_else_has_are_no_evidence_where_the_others_have_as_many():
     """Few of all rigs' tracks are on targets yet: 20 of a rig that are not say nothing; one that is speaks for it."""
-    trust = RigTrust(2)
+    trust = RigTrust()
     for rig, share in ((0, 0.05), (1, 0.3)):
         trust.note(rig, dict.fromkeys(range(20), False), share, 0.0)
     assert 0 in trust and 1 not in trust

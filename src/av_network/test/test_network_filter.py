@@ -38,15 +38,15 @@ def test_apparent_direction_is_that_at_the_time_of_emission(speed):
 
     found = apparent_directions(position[None], velocity[None], origin, np.array([0.2]), np.array([speed]))
     expected = angles(position, velocity, 0.2)
-    assert np.allclose([found.azimuth[0], found.elevation[0]], expected, atol=1e-9)
+    assert np.allclose(found.angles[0], expected, atol=1e-9)
     level = np.array([math.cos(expected[1]), 1.0])
     step = 1e-5
     for axis in range(3):
         shift = np.eye(3)[axis] * step
         by_position = level * (angles(position + shift, velocity, 0.2) - angles(position - shift, velocity, 0.2)) / (2 * step)
         by_velocity = level * (angles(position, velocity + shift, 0.2) - angles(position, velocity - shift, 0.2)) / (2 * step)
-        assert np.allclose(found.by_position[0, :, axis], by_position, atol=1e-7)
-        assert np.allclose(found.by_velocity[0, :, axis], by_velocity, atol=1e-7)
+        assert np.allclose(found.by_state[0, :, axis], by_position, atol=1e-7)
+        assert np.allclose(found.by_state[0, :, 3 + axis], by_velocity, atol=1e-7)
     by_time = level * (angles(position, velocity, 0.2 + step) - angles(position, velocity, 0.2 - step)) / (2 * step)
     assert np.allclose(found.by_time[0], by_time, atol=1e-7)
 

@@ -30,7 +30,7 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
         for each in (node, rig):
             executor.add_node(each)
         end = time.monotonic() + LONG_S
-        while not (node.is_active and any(each.size for each in node._stage.statistics.values())):
+        while not (node.is_active and any(each.size for each in node._stage.rigs.values())):
             assert time.monotonic() < end, 'it did not join'
             reports.publish(RigReport(version=RigReport.VERSION, header=Header(stamp=to_stamp(node.now()))))
             executor.spin_once(timeout_sec=0.05)
@@ -38,7 +38,7 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
         while 'timer _look' not in node.refused.counts:
             assert time.monotonic() < end, 'nothing is said of the other one'
             executor.spin_once(timeout_sec=0.05)
-        assert list(node._stage.statistics) == ['left']
+        assert list(node._stage.rigs) == ['left']
     finally:
         node.close()
         for each in (node, rig):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel, SensingModel, Trajectory
-from av_network.settings import RigSettings
+from av_network.observation import RigSettings
 from av_simulator.trajectories import RandomFlight
 
 HEIGHT_M = 1.5  # of the rigs

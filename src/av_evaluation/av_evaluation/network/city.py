@@ -18,8 +18,8 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigReport, TargetDirection, WorldTrack, WorldTrackArray
 from av_network.messages import PUBLISHED, check_age, check_version, is_place, report_of, target_message
 from av_network.network_target import TargetState
+from av_network.observation import RigSettings
 from av_network.report_queue import ReportQueue
-from av_network.settings import RigSettings
 from av_network.tracker import NetworkTracker
 
 MARGIN_M = 30.0  # beyond its border to which a cell tracks, so that it has a track before it takes it over

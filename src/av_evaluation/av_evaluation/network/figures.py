@@ -14,9 +14,8 @@ from scipy import stats
 
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
-from av_network.observation import Report
+from av_network.observation import Report, RigSettings
 from av_network.report_queue import ReportQueue
-from av_network.settings import RigSettings
 from av_network.stage import WAIT_S
 from av_network.tracker import NetworkTracker
 

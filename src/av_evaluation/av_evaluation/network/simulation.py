@@ -204,8 +204,7 @@ class NetworkSimulation:
     def _follow(self, spell: _Spell, angles: NDArray[np.float64], time: float) -> None:
         spell.truth = angles
         spell.times.append(time)
-        spell.measured.append(sphere.moved(angles, sphere.vectors(spell.error + spell.sigmas * self._random.normal(size=2),
-                                                                  angles)))
+        spell.measured.append(sphere.moved(angles, spell.error + spell.sigmas * self._random.normal(size=2)))
 
     def _send(self, rig: RigModel, time: float, spells: Sequence[_Spell]) -> list[Arrival]:
         link, random = self.link, self._random
@@ -221,7 +220,7 @@ class NetworkSimulation:
         """The mean of the measurements since the last report, at their mean time."""
         measured, centre = np.array(spell.measured), spell.measured[len(spell.measured) // 2]
         arc = np.mean(sphere.offsets(measured, centre), axis=0)
-        azimuth, elevation = map(float, sphere.moved(centre, sphere.vectors(arc, centre)))
+        azimuth, elevation = map(float, sphere.moved(centre, arc))
         covariance, time = np.diag(spell.sigmas ** 2) / len(measured), float(np.mean(spell.times))
         spell.times, spell.measured = [], []
         return Sighting(spell.id, float(wrap(azimuth)), elevation, covariance, time - rig.clock_offset, not spell.seen)

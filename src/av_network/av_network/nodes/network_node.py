@@ -19,8 +19,8 @@ from av_common.rate_meter import RateMeter
 from av_interfaces.msg import RigReport, WorldTrackArray
 from av_network.messages import check_version, version_of
 from av_network.nodes.network_node_parameters import network_node as parameters
-from av_network.settings import Datum, RigSettings
-from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
+from av_network.observation import RigSettings
+from av_network.stage import FIX, NO_DATUM, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
 RATE_HZ = 10.0  # of messages of tracks
 REPORT, REPORT_TYPE = '/network/report', 'av_interfaces/msg/RigReport'
@@ -42,7 +42,6 @@ class NetworkNode(RigNode):
         names = list(self._topics)
         rigs = [self._rig(name, not index) for index, name in enumerate(names)]
         self._stage = NetworkStage(rigs, places, datum)
-        self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
         self._cues = {name: self.create_publisher(PointStamped, f'{self._topics[name]}/target/cue', RESULT)
@@ -57,7 +56,7 @@ class NetworkNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to all rigs."""
-        for name in self._sources:
+        for name in self._topics:
             self._listen(name)
         self.create_timer(1.0 / RATE_HZ, self._on_time)
         if self.settings.join:
@@ -70,7 +69,7 @@ class NetworkNode(RigNode):
     def _listen(self, name: str) -> None:
         self.create_subscription(RigReport, f'{self._topics[name]}/network/report',
                                  partial(self._on_report, name), STREAM, raw=True)
-        if self._sources[name] == FIX:
+        if self._stage.rigs[name].place.source == FIX:
             self.create_subscription(NavSatFix, f'{self._topics[name]}/fix',
                                      lambda message: self._stage.on_fix(name, message, self.now()), STREAM)
 
@@ -85,9 +84,8 @@ class NetworkNode(RigNode):
                 continue
             if len(self._topics) >= MOST_RIGS:
                 raise ValueError(f'{name} is one rig more than {MOST_RIGS}')
-            source = self.settings.pose_sources[0]
-            self._stage.join(self._rig(name, not self._topics), RigPlace(source, np.zeros(3)))
-            self._topics[name], self._sources[name], self._meters[name] = name, source, RateMeter()
+            self._stage.join(self._rig(name, not self._topics), RigPlace(self.settings.pose_sources[0], np.zeros(3)))
+            self._topics[name], self._meters[name] = name, RateMeter()
             if self.settings.cue:
                 self._cues[name] = self.create_publisher(PointStamped, f'{name}/target/cue', RESULT)
             self._listen(name)
@@ -109,7 +107,7 @@ class NetworkNode(RigNode):
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """What comes from each rig, and what was estimated of it."""
         silent = []
-        for name, each in self._stage.statistics.items():
+        for name, each in self._stage.rigs.items():
             known = self._stage.tracker.calibration.known(self._stage.tracker.rigs[name])
             age = self.now() - each.newest
             if not age < SILENT_S:
@@ -132,7 +130,7 @@ class NetworkNode(RigNode):
         status.add('tracks', str(self._published))
 
 
-def _network(p: Any) -> tuple[dict[str, str], list[RigPlace], Datum]:
+def _network(p: Any) -> tuple[dict[str, str], list[RigPlace], tuple[float, float, float]]:
     """Namespaces of the rigs by name, their places, and the datum. Raises ValueError for what contradicts each other."""
     given = [name.rstrip('/') for name in p.rigs if name.strip('/')]
     topics = {name.lstrip('/'): name for name in given}
@@ -141,11 +139,11 @@ def _network(p: Any) -> tuple[dict[str, str], list[RigPlace], Datum]:
     if p.join and list(p.pose_sources) not in ([ODOMETRY], [FIX]):
         raise ValueError(f'pose_sources is {list(p.pose_sources)}, expected [odometry] or [fix] where rigs join')
     places = _places(len(topics), list(p.positions), list(p.pose_sources), list(p.headings_deg))
-    given_datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
-    datum = given_datum if any(given_datum[:2]) else Datum()
-    if FIX in p.pose_sources and not datum.known:
+    if p.datum.latitude or p.datum.longitude:
+        return topics, places, (p.datum.latitude, p.datum.longitude, p.datum.altitude)
+    if FIX in p.pose_sources:
         raise ValueError('pose_sources has fix, which needs latitude, longitude and altitude of datum')
-    return topics, places, datum
+    return topics, places, NO_DATUM
 
 
 def _places(count: int, positions: list[float], sources: list[str], headings: list[float]) -> list[RigPlace]:
