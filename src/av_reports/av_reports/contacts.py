@@ -60,7 +60,6 @@ class PositionTrack(NamedTuple):
         covariance (m^2): of east, north and up, three rows.
         velocity (m/s): east, north, up.
         velocity_sigma (m/s): standard deviations of the three.
-        rigs: names of the rigs with recent measurements.
     """
 
     id: int
@@ -75,7 +74,6 @@ class PositionTrack(NamedTuple):
     velocity_sigma: tuple[float, float, float] = (math.inf, math.inf, math.inf)
     drone_probability: float = math.nan
     class_id: str = ''
-    rigs: tuple[str, ...] = ()
 
     @property
     def sigma(self) -> tuple[float, float, float]:

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import re
 import secrets
 import uuid
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
+
+from av_common.files import ros_home
 
 ALPHABET = '0123456789ABCDEFGHJKMNPQRSTVWXYZ'  # Crockford's base 32
 ULID = re.compile(f'[0-7][{ALPHABET}]{{25}}')
-RANDOM_BYTES = 10  # the 80 bits of the specification
+RANDOM_BITS = 80  # of the specification
 FORGET_S = 60.0  # after this time without its track an object is another one
 
 
-def new_ulid(time: float, random: Callable[[int], bytes] = secrets.token_bytes) -> str:
-    """A ULID: 48 bits of time in ms, 80 random bits, as 26 characters. Source: github.com/ulid/spec.
-
-    Parameters:
-        time (s): UTC since 1970.
-        random: function from a number to so many random bytes.
-    """
+def new_ulid(time: float) -> str:
+    """A ULID: 48 bits of time (s, UTC since 1970) in ms, 80 random bits, as 26 characters. Source: github.com/ulid/spec."""
     milliseconds = min(max(int(time * 1000.0), 0), 2**48 - 1)
-    number = milliseconds << 8 * RANDOM_BYTES | int.from_bytes(random(RANDOM_BYTES), 'big')
+    number = milliseconds << RANDOM_BITS | secrets.randbits(RANDOM_BITS)
     return ''.join(ALPHABET[number >> shift & 31] for shift in range(125, -1, -5))
 
 
@@ -47,21 +41,18 @@ def is_uuid(text: str, version: int | None = None) -> bool:
     return str(found) == text.lower() and version in (None, found.version)
 
 
-def kept_uuid(file: Path) -> str:
-    """The random UUID (version 4) in a file, which is written at first.
+def node_uuid(name: str) -> str:
+    """The random UUID (version 4) of a node, which is drawn once and kept in a file in ROS_HOME (~/.ros).
 
     Parameters:
-        file: where it is.
+        name: full name of the ROS node.
 
     Raises OSError where it cannot be written or read, ValueError for a file with anything else.
     """
-    if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        own = file.with_name(f'{file.name}.{uuid.uuid4()}')
-        own.write_text(f'{uuid.uuid4()}\n')
-        with suppress(FileExistsError):  # another process was faster: its UUID counts
-            os.link(own, file)
-        own.unlink()
+    file = ros_home() / 'av_reports' / f'{name.strip("/").replace("/", ".") or "report_node"}.uuid'
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with suppress(FileExistsError), file.open('x') as new:
+        new.write(f'{uuid.uuid4()}\n')
     text = file.read_text().strip()
     if not is_uuid(text, 4):
         raise ValueError(f'{file} has {text!r:.50}, expected a UUID of version 4: delete the file for a new one')

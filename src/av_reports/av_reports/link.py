@@ -13,8 +13,7 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 CONNECT_S, SEND_S = 10.0, 10.0  # longest time for a connection, and for a peer to take a message
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled with each
-STEADY_S = 30.0  # a connection that has lasted this long makes the next pause the first again
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled with each that fails
 MOST_WAITING = 256  # messages to be sent; the oldest are dropped
 MOST_RECEIVED = 16  # messages received and not taken yet; no more are read
 POLL_S = 0.05  # between looks at what waits: a quarter of the period of reports
@@ -64,8 +63,8 @@ class Link:
         self.connections = self.sent = self.dropped = 0
         self.problem = ''
         self._session = 0
-        self._outbox: deque[bytes] = deque()
-        self._inbox: deque[tuple[int, bytes]] = deque()
+        self._outbox: deque[bytes] = deque(maxlen=MOST_WAITING)
+        self._inbox: deque[bytes] = deque()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name='link', daemon=True)
         self._thread.start()
@@ -79,9 +78,7 @@ class Link:
         session = self._session
         messages: list[bytes] = []
         while self._inbox and len(messages) < most:
-            sender, message = self._inbox.popleft()
-            if sender == session:
-                messages.append(message)
+            messages.append(self._inbox.popleft())
         return Received(session, messages)
 
     def put(self, messages: Sequence[bytes], session: int) -> None:
@@ -92,13 +89,10 @@ class Link:
             session: number of the connection for which they are made.
         """
         for message in messages:
-            if session != self._session or not session:
-                self.dropped += 1
-                continue
-            self._outbox.append(message)
-            while len(self._outbox) > MOST_WAITING:
-                self._outbox.popleft()
-                self.dropped += 1
+            is_late = session != self._session or not session
+            self.dropped += is_late or len(self._outbox) == MOST_WAITING
+            if not is_late:
+                self._outbox.append(message)
 
     def close(self) -> None:
         """Send what waits, within the time that a message may take, and end."""
@@ -108,15 +102,14 @@ class Link:
     async def _run(self) -> None:
         pause = FIRST_PAUSE_S
         while not self._closing.is_set():
-            begun = time.monotonic()
             try:
-                await self._hold(await asyncio.wait_for(self._connect(), CONNECT_S))
+                channel = await asyncio.wait_for(self._connect(), CONNECT_S)
+                pause = FIRST_PAUSE_S
+                await self._hold(channel)
             except Exception as error:  # noqa: BLE001  a peer and its library may cause any; none may end the thread
                 self.problem = _words(error)
             finally:
                 self._session = 0
-            if time.monotonic() - begun > STEADY_S:
-                pause = FIRST_PAUSE_S
             await self._wait(pause * random.uniform(0.8, 1.2))
             pause = min(2.0 * pause, LONGEST_PAUSE_S)
 
@@ -126,7 +119,7 @@ class Link:
         self._outbox.clear()
         self._inbox.clear()
         self._session = self.connections
-        work = [asyncio.create_task(self._send(channel)), asyncio.create_task(self._receive(channel, self._session))]
+        work = [asyncio.create_task(self._send(channel)), asyncio.create_task(self._receive(channel))]
         try:
             done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -146,12 +139,12 @@ class Link:
             await asyncio.wait_for(channel.send(self._outbox.popleft()), SEND_S)
             self.sent += 1
 
-    async def _receive(self, channel: Channel, session: int) -> None:
+    async def _receive(self, channel: Channel) -> None:
         while True:
             message = await channel.receive()
             while len(self._inbox) >= MOST_RECEIVED:
                 await asyncio.sleep(POLL_S)
-            self._inbox.append((session, message))
+            self._inbox.append(message)
 
     async def _wait(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds

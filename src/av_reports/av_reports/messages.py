@@ -118,4 +118,4 @@ def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float,
         id=track.id, time=times[0], measured=times[1], existence=min(max(track.existence, 0.0), 1.0), latitude=latitude,
         longitude=longitude, altitude=altitude, covariance=tuple(map(tuple, covariance.tolist())), velocity=(east, north, up),
         velocity_sigma=tuple(np.sqrt(np.where(numbers[15:] >= 0.0, numbers[15:], math.inf)).tolist()),
-        drone_probability=_probability(track.drone_probability), class_id=track.class_id[:LONGEST_NAME], rigs=tuple(track.rigs))
+        drone_probability=_probability(track.drone_probability), class_id=track.class_id[:LONGEST_NAME])

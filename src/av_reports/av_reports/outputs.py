@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import Protocol
 
-from av_reports.cot.connection import CotAddress, check_address, connect
+from av_reports.cot.connection import CotAddress, connect
 from av_reports.cot.stage import CotStage
 from av_reports.link import Link
-from av_reports.settings import CotSettings
 from av_reports.stage import Situation
 
 
@@ -32,16 +31,13 @@ class CotOutput:
     """Events of Cursor on Target.
 
     Parameters:
-        settings: what is told.
-        address: where to.
-
-    Raises ValueError for an address that cannot be used.
+        uid, callsign: of the rig, see `CotStage`.
+        address: where to; one that can be used.
     """
 
-    def __init__(self, settings: CotSettings, address: CotAddress) -> None:
-        check_address(address)
+    def __init__(self, uid: str, callsign: str, address: CotAddress) -> None:
         self._address = address
-        self._stage = CotStage(settings)
+        self._stage = CotStage(uid, callsign)
         self._link = Link(partial(connect, address))
         self._placeless = False
 

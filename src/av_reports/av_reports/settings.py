@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from av_common.files import ros_home
 from av_reports.contacts import Place
 from av_reports.cot.connection import CotAddress, check_address
-from av_reports.identifiers import is_uuid, kept_uuid
+from av_reports.identifiers import is_uuid, node_uuid
 from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
 
@@ -24,19 +22,6 @@ UNKNOWN_CLASS = 'Unknown'
 
 
 @dataclass(frozen=True)
-class CotSettings:
-    """Names in the events.
-
-    Parameters:
-        uid: names this rig; the uid of each target begins with it.
-        callsign: what users of TAK read beside the rig's marker.
-    """
-
-    uid: str
-    callsign: str = 'rig'
-
-
-@dataclass(frozen=True)
 class SapientSettings:
     """Settings of a node of SAPIENT.
 
@@ -45,14 +30,12 @@ class SapientSettings:
         positions: it reports positions of a network of rigs; otherwise bearings of a single rig.
         north: its bearings count from true north; otherwise from the rig's forward direction.
         obey_tasks: tasks of the fusion node are obeyed; otherwise all are refused.
-        software_version: of this suite.
     """
 
     node_id: str
     positions: bool = False
     north: bool = True
     obey_tasks: bool = False
-    software_version: str = ''
 
 
 def report_settings(values: Any) -> ReportSettings:
@@ -68,17 +51,6 @@ def report_settings(values: Any) -> ReportSettings:
     return ReportSettings(values.only_drones, values.positions, values.north, place, heading)
 
 
-def node_uuid(name: str) -> str:
-    """The UUID of a node, which is drawn once and kept in ROS_HOME (~/.ros).
-
-    Parameters:
-        name: full name of the ROS node.
-
-    Raises OSError and ValueError, see `kept_uuid`.
-    """
-    return kept_uuid(ros_home() / 'av_reports' / f'{name.strip("/").replace("/", ".") or "report_node"}.uuid')
-
-
 def sapient_settings(values: Any, name: str) -> SapientSettings:
     """What the node of SAPIENT is.
 
@@ -89,20 +61,8 @@ def sapient_settings(values: Any, name: str) -> SapientSettings:
     Raises OSError and ValueError where it has no node_id and cannot keep one.
     """
     given = values.sapient
-    return SapientSettings(
-        given.node_id.lower() or node_uuid(name), positions=values.positions, north=values.north,
-        obey_tasks=given.obey_tasks, software_version=_version())
-
-
-def cot_settings(values: Any, name: str) -> CotSettings:
-    """What is told to TAK; the rig is called by its namespace there.
-
-    Parameters:
-        values: the parameters.
-        name: full name of the ROS node.
-    """
-    namespace = name.strip('/').rpartition('/')[0]
-    return CotSettings(node_uuid(name), namespace or CotSettings.callsign)
+    return SapientSettings(given.node_id.lower() or node_uuid(name), positions=values.positions, north=values.north,
+                           obey_tasks=given.obey_tasks)
 
 
 def cot_address(values: Any) -> CotAddress:
@@ -128,10 +88,3 @@ def check_settings(values: Any) -> None:
         raise ValueError(f'sapient.node_id is {node_id!r:.80}, expected a UUID of version 4, or nothing for one of its own')
     if values.cot.url:
         check_address(cot_address(values))
-
-
-def _version() -> str:
-    try:
-        return version('av_reports')
-    except PackageNotFoundError:  # not installed
-        return ''

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 from collections.abc import Iterable
@@ -74,19 +73,19 @@ class TrackLog:
 
     Parameters:
         folder: of both files; it is created where it is missing.
-        largest: bytes that both files together may have.
+        largest: bytes that both files together may have, but for one more line.
 
     Raises OSError where they cannot be written.
     """
 
     def __init__(self, folder: Path, largest: float = LARGEST) -> None:
         self._stem, self._largest = folder / f'tracks_{datetime.now(timezone.utc):%Y%m%dT%H%M%S_%f}', largest
-        self.written, self._size, self._problem = 0, 0, ''
+        self.written, self._problem = 0, ''
         self._newest: dict[int, float] = {}
         folder.mkdir(parents=True, exist_ok=True)
         self._table = self._stem.with_name(f'{self._stem.name}.csv').open('x', encoding='utf-8', newline='')
         self._features = self._stem.with_name(f'{self._stem.name}.geojsonl').open('x', encoding='utf-8')
-        self._table.write(_row(FIELDS))
+        csv.writer(self._table).writerow(FIELDS)
 
     def report(self, situation: Situation) -> None:
         """Write the tracks that are due."""
@@ -95,7 +94,6 @@ class TrackLog:
         self._newest |= {track.id: track.time for track in due}
         try:
             self._write(due, situation.place)
-            self._problem = f'{self._stem}.csv has reached its size' if self._size > self._largest else ''
         except OSError as error:
             self._problem = f'{self._stem}.csv: {error.strerror}'
 
@@ -115,14 +113,13 @@ class TrackLog:
 
     def _write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
         for track in tracks:
-            found = feature(track, place)
-            row = _row([_cell(found['properties'].get(name, '')) for name in FIELDS])
-            line = json.dumps(found, separators=(',', ':'), allow_nan=False) + '\n'
-            self._size += len(row) + len(line)
-            if self._size > self._largest:
+            is_full = self._table.tell() + self._features.tell() > self._largest
+            self._problem = f'{self._stem}.csv has reached its size' if is_full else ''
+            if is_full:
                 return
-            self._table.write(row)
-            self._features.write(line)
+            found = feature(track, place)
+            csv.writer(self._table).writerow([_cell(found['properties'].get(name, '')) for name in FIELDS])
+            self._features.write(json.dumps(found, separators=(',', ':'), allow_nan=False) + '\n')
             self.written += 1
         self._table.flush()
         self._features.flush()
@@ -131,12 +128,6 @@ class TrackLog:
 def _cell(value: Any) -> Any:
     """A value for the table; a text that is a formula to spreadsheets is quoted: names of classes come from anybody."""
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
-
-
-def _row(values: Iterable[Any]) -> str:
-    text = io.StringIO()
-    csv.writer(text).writerow(values)
-    return text.getvalue()
 
 
 def _coordinates(latitude: float, longitude: float, altitude: float) -> list[float]:

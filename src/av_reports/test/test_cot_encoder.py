@@ -16,10 +16,9 @@ from report_tracks import NOW, bearing, position
 from av_reports.contacts import Place
 from av_reports.cot.connection import LARGEST_DATAGRAM
 from av_reports.cot.stage import CotStage, bearing_event, error_ellipse, position_event, rig_event
-from av_reports.settings import CotSettings
 
 PLACE = Place(51.5, -0.12, 30.0, 1.5)
-SETTINGS = CotSettings('rig-1', 'mast')
+NAMES = 'rig-1', 'mast'
 DETAIL = {'contact', 'remarks', 'track', 'shape', 'sensor'}
 
 
@@ -49,7 +48,7 @@ def values(element):
 
 
 def test_a_position_has_its_errors_its_ellipse_and_its_motion():
-    event = read(position_event(position(), 'rig-1.5', SETTINGS, NOW))
+    event = read(position_event(position(), 'rig-1.5', 'mast', NOW))
     assert (event['uid'], event['type'], event['how']) == ('rig-1.5', 'a-u-A-M-H-Q', 'm-f')
     assert event['stale_s'] == pytest.approx(10.0)
     assert (event['lat'], event['lon'], event['hae']) == (51.5, -0.12, 80.0)
@@ -74,34 +73,34 @@ def test_the_ellipse_contains_what_a_gaussian_says(angle):
 
 
 def test_the_rig_is_where_it_stands():
-    event = read(rig_event(PLACE, SETTINGS, NOW))
+    event = read(rig_event(PLACE, *NAMES, NOW))
     assert (event['uid'], event['type'], event['how'], event['ce']) == ('rig-1', 'a-f-G-E-S', 'h-e', 1.5)
-    idle = read(rig_event(PLACE._replace(sigma=math.nan), SETTINGS, NOW, surveyed=False))
+    idle = read(rig_event(PLACE._replace(sigma=math.nan), *NAMES, NOW, surveyed=False))
     assert 'sensor' not in idle['details'] and idle['ce'] == 9999999.0 and idle['how'] == 'm-g'
 
 
 @pytest.mark.parametrize('azimuth', [-1e-17, 0.0, math.radians(359.97), math.tau])
 def test_due_north_is_zero(azimuth):
-    event = read(bearing_event(bearing(azimuth=azimuth), PLACE, 'rig-1.3', SETTINGS, NOW))
+    event = read(bearing_event(bearing(azimuth=azimuth), PLACE, 'rig-1.3', 'mast', NOW))
     assert event['details']['sensor'].getAttribute('azimuth') == '0.0'
 
 
 def test_a_bearing_is_a_sector():
-    event = read(bearing_event(bearing(), PLACE, 'rig-1.3', SETTINGS, NOW))
+    event = read(bearing_event(bearing(), PLACE, 'rig-1.3', 'mast', NOW))
     sensor = values(event['details']['sensor'])
     assert sensor == {'azimuth': 300.0, 'fov': 8.0, 'elevation': 12.0, 'vfov': 16.0, 'range': 500.0, 'roll': 0.0,
                       'displayMagneticReference': 0.0}
 
 
 def test_a_bearing_is_a_sensor_at_the_rig():
-    event = read(bearing_event(bearing(elevation=math.nan, azimuth_sigma=3.0), PLACE, 'rig-1.3', SETTINGS, NOW))
+    event = read(bearing_event(bearing(elevation=math.nan, azimuth_sigma=3.0), PLACE, 'rig-1.3', 'mast', NOW))
     assert (event['lat'], event['type']) == (51.5, 'b-m-p-s-p-loc')
     sensor = values(event['details']['sensor'])
     assert 'elevation' not in sensor and sensor['fov'] == 360.0
 
 
 def test_events_are_due_at_their_interval_under_a_lasting_name():
-    stage = CotStage(SETTINGS)
+    stage = CotStage(*NAMES)
     tracks = [bearing(3), bearing(4), position(5)]
     first = {event['uid']: event for event in map(read, stage.on_tracks(tracks, PLACE, NOW))}
     assert len(first) == 4 and 'sensor' not in first['rig-1']['details']
@@ -112,18 +111,17 @@ def test_events_are_due_at_their_interval_under_a_lasting_name():
 
 
 def test_without_a_place_or_north_no_bearing_is_shown():
-    assert CotStage(SETTINGS).on_tracks([bearing(3), bearing(4)], None, NOW) == []
-    events = [read(event) for event in CotStage(SETTINGS).on_tracks([bearing(3, north=False)], PLACE, NOW)]
+    assert CotStage(*NAMES).on_tracks([bearing(3), bearing(4)], None, NOW) == []
+    events = [read(event) for event in CotStage(*NAMES).on_tracks([bearing(3, north=False)], PLACE, NOW)]
     assert [event['uid'] for event in events] == ['rig-1'] and 'sensor' not in events[0]['details']
 
 
 @given(st.text(max_size=40), st.text(max_size=40), st.text(max_size=40))
 def test_any_text_gives_an_event_that_can_be_read_and_sent(callsign, class_id, uid):
-    settings = CotSettings('rig', callsign)
-    data = position_event(position(class_id=class_id), f'rig.{uid}', settings, NOW)
+    data = position_event(position(class_id=class_id), f'rig.{uid}', callsign, NOW)
     assert read(data)['uid'].startswith('rig.') and len(data) <= LARGEST_DATAGRAM
 
 
 def test_numbers_that_are_none_are_refused():
     with pytest.raises(ValueError, match='has no place'):
-        position_event(position(latitude=math.nan), 'rig-1.5', SETTINGS, NOW)
+        position_event(position(latitude=math.nan), 'rig-1.5', 'mast', NOW)

@@ -15,7 +15,7 @@ from av_reports.contacts import Place
 from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
 from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
 from av_reports.sapient.registration import registration_message
-from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, Health, SapientStage
+from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, SapientStage
 from av_reports.sapient.tasks import LONGEST_S
 from av_reports.settings import SapientSettings
 from av_reports.tasking import Follow, LookAt, Stop
@@ -24,6 +24,10 @@ PLACE = Place(51.5, -0.12, 30.0)
 NORTH = {'range_bearing': {'azimuth': 0.0, 'elevation': 10.0, 'coordinate_system': 1, 'datum': 1}}
 FIELD = {'type': 1, 'region_id': new_ulid(NOW), 'region_name': 'field', 'region_area': NORTH}
 ACCEPTED, REJECTED, COMPLETED, FAILED = 1, 2, 3, 4
+
+
+def health(place=None, problems=(), error=False):
+    return place, problems, error
 
 
 def read(reaction):
@@ -63,30 +67,31 @@ def begin(stage, now=NOW, reason='', **content):
 def test_it_registers_and_reports_nothing_before_it_is_accepted():
     stage = SapientStage(SapientSettings(NODE))
     assert kinds(stage.on_connected(NOW)) == ['registration']
-    assert not stage.on_tracks([bearing()], NOW).messages and not stage.on_time(Health(), NOW + 1).messages
+    assert not stage.on_tracks([bearing()], NOW).messages and not stage.on_time(*health(), NOW + 1).messages
     stage.on_message(acknowledgement(False, ['no licence']), None, NOW)
-    assert not stage.accepted and stage.refusal == 'no licence' and not stage.on_tracks([bearing()], NOW).messages
-    assert kinds(stage.on_time(Health(), NOW + AGAIN_S)) == ['registration']
+    assert not stage.session.accepted and stage.session.refusal == 'no licence'
+    assert not stage.on_tracks([bearing()], NOW).messages
+    assert kinds(stage.on_time(*health(), NOW + AGAIN_S)) == ['registration']
     stage.on_message(acknowledgement(), None, NOW + AGAIN_S)
-    assert kinds(stage.on_time(Health(), NOW + AGAIN_S)) == ['status_report']
+    assert kinds(stage.on_time(*health(), NOW + AGAIN_S)) == ['status_report']
     assert kinds(stage.on_tracks([bearing()], NOW + AGAIN_S)) == ['detection_report']
 
 
 def test_a_new_connection_begins_with_a_registration_and_objects_keep_their_names(stage):
     before = object_id(stage, 3)
     stage.on_disconnected()
-    assert not stage.accepted and kinds(stage.on_connected(NOW + 5)) == ['registration']
+    assert not stage.session.accepted and kinds(stage.on_connected(NOW + 5)) == ['registration']
     stage.on_message(acknowledgement(), PLACE, NOW + 5)
     assert read(stage.on_tracks([bearing(3)], NOW + 5))[0].detection_report.object_id == before
 
 
 def test_status_is_reported_when_due_and_when_it_changes(stage):
-    first, = read(stage.on_time(Health(PLACE), NOW))
+    first, = read(stage.on_time(*health(PLACE), NOW))
     assert first.status_report.info == StatusReport.INFO_NEW and first.status_report.system == StatusReport.SYSTEM_OK
-    assert not stage.on_time(Health(PLACE), NOW + 9.0).messages
-    due, = read(stage.on_time(Health(PLACE), NOW + 10.0))
+    assert not stage.on_time(*health(PLACE), NOW + 9.0).messages
+    due, = read(stage.on_time(*health(PLACE), NOW + 10.0))
     assert due.status_report.info == StatusReport.INFO_UNCHANGED
-    changed, = read(stage.on_time(Health(PLACE, ('no detections',)), NOW + 11.0))
+    changed, = read(stage.on_time(*health(PLACE, ('no detections',)), NOW + 11.0))
     assert changed.status_report.system == StatusReport.SYSTEM_WARNING
     assert read(stage.farewell(NOW + 12.0))[0].status_report.system == StatusReport.SYSTEM_GOODBYE
 
@@ -120,7 +125,7 @@ def test_an_error_of_the_fusion_node_is_told_in_its_words(stage):
 
 @pytest.mark.parametrize('stage', [False, True], indirect=True)
 def test_requests_are_answered_whatever_tasks_are_obeyed(stage):
-    stage.on_time(Health(PLACE), NOW)
+    stage.on_time(*health(PLACE), NOW)
     for wanted, kind in (('Registration', 'registration'), ('status', 'status_report')):
         answer = stage.on_message(task(command={'request': wanted}), PLACE, NOW)
         assert kinds(answer) == ['task_ack', kind, 'task_ack'] and answer.command is None
@@ -128,13 +133,13 @@ def test_requests_are_answered_whatever_tasks_are_obeyed(stage):
 
 
 def test_a_changed_task_is_told_at_once(stage):
-    stage.on_time(Health(PLACE), NOW)
+    stage.on_time(*health(PLACE), NOW)
     command, _ = begin(stage, command={'follow': {'follow_object_id': object_id(stage, 4)}})
-    told, = read(stage.on_time(Health(PLACE), NOW + 0.2))
+    told, = read(stage.on_time(*health(PLACE), NOW + 0.2))
     assert told.status_report.active_task_id == stage.desk.active.task_id and command == Follow(4)
-    assert not stage.on_time(Health(PLACE), NOW + 0.4).messages
+    assert not stage.on_time(*health(PLACE), NOW + 0.4).messages
     stage.on_message(task(Task.CONTROL_STOP, task_id=stage.desk.active.task_id), PLACE, NOW + 0.5)
-    told, = read(stage.on_time(Health(PLACE), NOW + 0.6))
+    told, = read(stage.on_time(*health(PLACE), NOW + 0.6))
     assert not told.status_report.active_task_id and told.status_report.info == StatusReport.INFO_NEW
 
 
@@ -173,7 +178,7 @@ def test_by_default_every_task_is_refused_with_the_reason(stage):
 def test_follow_is_accepted_when_the_rig_follows(stage):
     command, answer = begin(stage, command={'follow': {'follow_object_id': object_id(stage, 4)}})
     assert command == Follow(4) and acks(answer) == [(ACCEPTED, '')]
-    status, = read(stage.on_time(Health(), NOW))
+    status, = read(stage.on_time(*health(), NOW))
     assert status.status_report.active_task_id == stage.desk.active.task_id
     lost = stage.on_tracks([bearing(3)], NOW + 1.0)
     assert acks(lost) == [(FAILED, 'the object is lost')] and lost.command == Stop() and stage.desk.active is None
@@ -183,7 +188,7 @@ def test_what_the_rig_cannot_do_is_refused_with_its_words(stage):
     _, answer = begin(stage, reason='no such track', command={'follow': {'follow_object_id': object_id(stage, 4)}})
     assert acks(answer) == [(REJECTED, 'no such track')] and stage.desk.active is None
     asked = stage.on_message(task(command={'follow': {'follow_object_id': object_id(stage, 4)}}), PLACE, NOW)
-    assert acks(stage.on_time(Health(), NOW + 6.0)) == [(REJECTED, 'the rig does not answer')]
+    assert acks(stage.on_time(*health(), NOW + 6.0)) == [(REJECTED, 'the rig does not answer')]
     assert not stage.on_done(asked.command, '', NOW + 7.0).messages
 
 
@@ -238,8 +243,8 @@ def test_a_task_ends_by_a_stop_by_its_time_and_with_the_connection(stage):
     stopped = stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW + 1)
     assert acks(stopped) == [(COMPLETED, 'stopped')] and stopped.command == Stop()
     begin(stage, command=follow)
-    assert stage.on_time(Health(), NOW + LONGEST_S - 1.0).command is None
-    over = stage.on_time(Health(), NOW + LONGEST_S)
+    assert stage.on_time(*health(), NOW + LONGEST_S - 1.0).command is None
+    over = stage.on_time(*health(), NOW + LONGEST_S)
     assert acks(over) == [(COMPLETED, 'its time is over')] and over.command == Stop()
     begin(stage, command=follow)
     assert stage.on_disconnected().command == Stop() and stage.desk.active is None
@@ -280,13 +285,13 @@ def test_times_that_are_none_are_answered(stage, values, reason):
 
 
 def test_a_clock_that_is_set_back_silences_nothing(stage):
-    stage.on_time(Health(), NOW)
+    stage.on_time(*health(), NOW)
     stage.on_message(b'rubbish', PLACE, NOW)
     begin(stage, command={'look_at': NORTH})
     before = NOW - 86_400.0
     assert kinds(stage.on_tracks([bearing(3), bearing(4)], before)) == ['detection_report'] * 2
     assert kinds(stage.on_message(b'rubbish', PLACE, before)) == ['error']
-    ended = stage.on_time(Health(), before)
+    ended = stage.on_time(*health(), before)
     assert acks(ended) == [(COMPLETED, 'its time is over')] and kinds(ended) == ['task_ack', 'status_report']
     assert not stage.on_tracks([bearing(3), bearing(4)], before + 0.1).messages
 
@@ -295,7 +300,7 @@ def test_who_asked_for_a_task_is_told_of_its_end(stage):
     other = '00000000-0000-4000-8000-000000000001'
     begin(stage, command={'look_at': NORTH})
     refused = stage.on_message(from_fusion_node(node_id=other, task=Task(task_id=new_ulid(NOW), control=1)), PLACE, NOW)
-    over = stage.on_time(Health(), NOW + LONGEST_S)
+    over = stage.on_time(*health(), NOW + LONGEST_S)
     assert [message.destination_id for reaction in (refused, over) for message in read(reaction)
             if message.HasField('task_ack')] == [other, FUSION_NODE]
 
@@ -309,7 +314,7 @@ def test_unusable_messages_are_answered_once_a_second_with_a_piece_of_them(stage
     error, = read(stage.on_message(b'\xff' * 50_000, PLACE, NOW))
     assert error.error.packet == b'\xff' * LONGEST_PACKET and error.error.error_message
     assert not stage.on_message(from_fusion_node(task=Task(control=1)), PLACE, NOW + 0.5).messages
-    assert 'task.task_id is missing' in stage.problem and stage.counts['unusable messages'] == 2
+    assert 'task.task_id is missing' in stage.complaint(NOW + 0.5) and stage.counts['unusable messages'] == 2
     error, = read(stage.on_message(b'\x00', PLACE, NOW + 1.0))
     assert error.WhichOneof('content') == 'error'
     assert TaskAck.TASK_STATUS_FAILED == FAILED

@@ -18,7 +18,7 @@ from sapient_msg.bsi_flex_335_v2_0 import sapient_message_pb2
 from sapient_peer import NODE, SETTINGS
 
 from av_reports.contacts import Place
-from av_reports.identifiers import kept_uuid, new_ulid
+from av_reports.identifiers import new_ulid, node_uuid
 from av_reports.sapient.encoder import bearing_report, envelope, position_report, status_report
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.validation import MOST_FAULTS, faults, parse
@@ -65,15 +65,16 @@ def within(message, path=''):
                 yield from within(element, f'{path}{field.name}.')
 
 
-def test_a_node_keeps_the_uuid_it_has_drawn(tmp_path):
+def test_a_node_keeps_the_uuid_it_has_drawn(tmp_path, monkeypatch):
     """Version 4, which is all that the middleware takes; another node has another one, and rubbish is named."""
-    file = tmp_path / 'deep' / 'left.report_node.uuid'
-    first = kept_uuid(file)
-    assert kept_uuid(file) == first and uuid.UUID(first).version == 4 and uuid.UUID(first).variant == uuid.RFC_4122
-    assert kept_uuid(tmp_path / 'right.uuid') != first and len(list(file.parent.iterdir())) == 1
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'home'))
+    file, first = tmp_path / 'home' / 'av_reports' / 'left.report_node.uuid', node_uuid('/left/report_node')
+    assert node_uuid('/left/report_node') == first == file.read_text().strip()
+    assert uuid.UUID(first).version == 4 and uuid.UUID(first).variant == uuid.RFC_4122
+    assert node_uuid('/right/report_node') != first and len(list(file.parent.iterdir())) == 2
     file.write_text(str(uuid.uuid5(uuid.NAMESPACE_DNS, 'rig')))
     with pytest.raises(ValueError, match='expected a UUID of version 4: delete the file'):
-        kept_uuid(file)
+        node_uuid('/left/report_node')
 
 
 def test_the_texts_were_read():

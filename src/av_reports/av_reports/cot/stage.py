@@ -11,7 +11,7 @@ import numpy as np
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due
 from av_reports.identifiers import ObjectIds
-from av_reports.settings import SENSOR_RANGE_M, CotSettings
+from av_reports.settings import SENSOR_RANGE_M
 
 RIG_INTERVAL_S, INTERVAL_S = 10.0, 0.99  # between two events of the rig, and of a target: a little less than a period
 RIG_STALE_S, STALE_S = 120.0, 10.0  # time after which an event is no longer shown
@@ -24,7 +24,7 @@ SENSOR_TYPE = 'b-m-p-s-p-loc'  # a sensor with its field of view
 HOW_FUSED, HOW_GNSS, HOW_ESTIMATED = 'm-f', 'm-g', 'h-e'
 
 
-def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: float) -> bytes:
+def position_event(track: PositionTrack, uid: str, callsign: str, now: float) -> bytes:
     """The event of a target with a position.
 
     `ce` and `le` are standard deviations, as the schema defines them; the ellipse of one standard deviation is in `shape`.
@@ -32,13 +32,13 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
     Parameters:
         track: the target.
         uid: of the target.
-        settings: names.
+        callsign: of the rig.
         now (s): UTC since 1970.
     """
     east_sigma, north_sigma, up_sigma = track.sigma
     point = (track.latitude, track.longitude, track.altitude, math.hypot(east_sigma, north_sigma) / math.sqrt(2.0), up_sigma)
     event, detail = _event(uid, TARGET_TYPE, HOW_FUSED, point, (now, min(track.time, now), now + STALE_S))
-    _contact(detail, f'{settings.callsign} {track.id}', _words(track))
+    _contact(detail, f'{callsign} {track.id}', _words(track))
     east, north, up = track.velocity
     speed = math.hypot(east, north)
     ET.SubElement(detail, 'track', course=_number(compass_deg(math.atan2(east, north), 1), 1), speed=_number(speed, 2),
@@ -49,34 +49,41 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
     return _serialised(event)
 
 
-def rig_event(place: Place, settings: CotSettings, now: float, surveyed: bool = True) -> bytes:
+def rig_event(place: Place, uid: str, callsign: str, now: float, surveyed: bool = True) -> bytes:
     """The event of the rig itself.
 
     Parameters:
         place: where it stands.
-        settings: names.
+        uid, callsign: of the rig.
         now (s): UTC since 1970.
         surveyed: whether the place was given by a person, rather than measured.
     """
-    event, detail = _event(settings.uid, RIG_TYPE, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
+    event, detail = _event(uid, RIG_TYPE, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
                            (now, now, now + RIG_STALE_S))
-    _contact(detail, settings.callsign)
+    _contact(detail, callsign)
     return _serialised(event)
 
 
-def bearing_event(track: BearingTrack, place: Place, uid: str, settings: CotSettings, now: float) -> bytes:
+def bearing_event(track: BearingTrack, place: Place, uid: str, callsign: str, now: float) -> bytes:
     """The event of a target of which only the direction is known: a sensor at the rig's place that looks there.
 
     Parameters:
         track: the target.
         place: where the rig stands.
         uid: of the target.
-        settings: names.
+        callsign: of the rig.
         now (s): UTC since 1970.
     """
     event, detail = _event(uid, SENSOR_TYPE, HOW_FUSED, _point(place), (now, min(track.time, now), now + STALE_S))
-    _contact(detail, f'{settings.callsign} {track.id}', _words(track))
-    _sensor(detail, track, settings)
+    _contact(detail, f'{callsign} {track.id}', _words(track))
+    sector = max(math.degrees(2.0 * COVERED_SIGMA * track.azimuth_sigma), NARROWEST_DEG)
+    sensor = ET.SubElement(detail, 'sensor', azimuth=_number(compass_deg(track.azimuth, 1), 1),
+                           fov=_number(min(sector, 360.0), 1), range=_number(SENSOR_RANGE_M, 0), roll='0.0',
+                           displayMagneticReference='0', model=_text(callsign))
+    if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):
+        height = max(math.degrees(2.0 * COVERED_SIGMA * track.elevation_sigma), NARROWEST_DEG)
+        sensor.set('elevation', _number(math.degrees(track.elevation), 1))
+        sensor.set('vfov', _number(min(height, 180.0), 1))
     return _serialised(event)
 
 
@@ -114,17 +121,6 @@ def _contact(detail: ET.Element, callsign: str, remarks: str = '') -> None:
         ET.SubElement(detail, 'remarks').text = remarks
 
 
-def _sensor(detail: ET.Element, track: BearingTrack, settings: CotSettings) -> None:
-    sector = max(math.degrees(2.0 * COVERED_SIGMA * track.azimuth_sigma), NARROWEST_DEG)
-    sensor = ET.SubElement(detail, 'sensor', azimuth=_number(compass_deg(track.azimuth, 1), 1),
-                           fov=_number(min(sector, 360.0), 1), range=_number(SENSOR_RANGE_M, 0), roll='0.0',
-                           displayMagneticReference='0', model=_text(settings.callsign))
-    if math.isfinite(track.elevation) and math.isfinite(track.elevation_sigma):
-        height = max(math.degrees(2.0 * COVERED_SIGMA * track.elevation_sigma), NARROWEST_DEG)
-        sensor.set('elevation', _number(math.degrees(track.elevation), 1))
-        sensor.set('vfov', _number(min(height, 180.0), 1))
-
-
 def _words(track: BearingTrack | PositionTrack) -> str:
     """What people read of a target."""
     drone = f', drone {track.drone_probability:.2f}' if math.isfinite(track.drone_probability) else ''
@@ -156,11 +152,12 @@ class CotStage:
     """Events of the rig, of the bearings at its place, and of positions. Times are UTC in s since 1970.
 
     Parameters:
-        settings: what is told.
+        uid: names this rig; the uid of each target begins with it.
+        callsign: what users of TAK read beside the rig's marker.
     """
 
-    def __init__(self, settings: CotSettings) -> None:
-        self._settings = settings
+    def __init__(self, uid: str, callsign: str) -> None:
+        self._uid, self._callsign = uid, callsign
         self._objects = ObjectIds()
         self._sent: dict[int, float] = {}
         self._rig_sent = -math.inf
@@ -178,15 +175,15 @@ class CotStage:
         events = []
         if place is not None and is_due(now, self._rig_sent, RIG_INTERVAL_S):
             self._rig_sent = now
-            events.append(rig_event(place, self._settings, now, surveyed))
+            events.append(rig_event(place, self._uid, self._callsign, now, surveyed))
         self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
         for track in tracks:
-            uid = f'{self._settings.uid}.{self._objects.ulid(track.id, now)}'
+            uid = f'{self._uid}.{self._objects.ulid(track.id, now)}'
             if not is_due(now, self._sent[track.id], INTERVAL_S):
                 continue
             if isinstance(track, PositionTrack):
-                events.append(position_event(track, uid, self._settings, now))
+                events.append(position_event(track, uid, self._callsign, now))
             elif track.north and place is not None:
-                events.append(bearing_event(track, place, uid, self._settings, now))
+                events.append(bearing_event(track, place, uid, self._callsign, now))
             self._sent[track.id] = now
         return events

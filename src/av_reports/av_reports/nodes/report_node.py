@@ -14,11 +14,12 @@ from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
+from av_reports.identifiers import node_uuid
 from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
 from av_reports.outputs import CotOutput, Output
-from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
+from av_reports.settings import check_settings, cot_address, report_settings, sapient_settings
 from av_reports.stage import ReportStage
 from av_reports.track_log import TrackLog
 
@@ -77,7 +78,8 @@ class ReportNode(RigNode):
             self._outputs['sapient'] = SapientOutput(
                 sapient_settings(settings, name), parse_peer(settings.sapient.peer), self._commands.perform)
         if settings.cot.url:
-            self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
+            callsign = self.get_namespace().strip('/') or 'rig'
+            self._outputs['cot'] = CotOutput(node_uuid(name), callsign, cot_address(settings))
         if settings.log.folder:
             self._outputs['log'] = TrackLog(Path(settings.log.folder).expanduser())
 

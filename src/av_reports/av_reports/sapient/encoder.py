@@ -1,4 +1,4 @@
-"""Messages of SAPIENT about tracks, about the node itself, and about tasks."""
+"""Messages of SAPIENT about tracks and about the node itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from av_reports.sapient.protocol import (
     RangeBearing,
     SapientMessage,
     StatusReport,
-    TaskAck,
     location,
     range_bearing,
 )
@@ -116,17 +115,6 @@ def status_report(time: float, changed: bool, place: Place | None, problems: Ite
         mode=MODE, active_task_id=task_id or None, node_location=location_message(place) if place else None,
         status=[StatusReport.Status(status_level=level, status_type=kind, status_value=text[:LONGEST_REASON])
                 for text in words])
-
-
-def task_ack(task_id: str, status: int, reason: str = '') -> Any:
-    """The TaskAck of a task.
-
-    Parameters:
-        task_id: ULID of the task.
-        status: one of TaskAck.TASK_STATUS_*.
-        reason: why it was refused, or has failed or ended.
-    """
-    return TaskAck(task_id=task_id, task_status=status, reason=[reason[:LONGEST_REASON]] if reason else [])
 
 
 def _report(track: BearingTrack | PositionTrack, object_id: str, time: float, lost: bool, confidence: float) -> Any:

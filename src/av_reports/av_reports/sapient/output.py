@@ -10,7 +10,8 @@ from functools import partial
 
 from av_reports.link import Link, StreamChannel
 from av_reports.outputs import link_values
-from av_reports.sapient.stage import Health, Reaction, SapientStage
+from av_reports.sapient.stage import SapientStage
+from av_reports.sapient.task_desk import Reaction
 from av_reports.settings import SapientSettings
 from av_reports.stage import Situation
 from av_reports.tasking import Command
@@ -22,20 +23,16 @@ SILENT_MS = 20_000  # a peer that acknowledges nothing for this long is gone
 LENGTH = struct.Struct('<I')
 
 
-class FramingError(ValueError):
-    """A length that no message has: the stream cannot be read any further."""
-
-
 def frame(message: bytes) -> bytes:
     """A message with its length in front."""
     return LENGTH.pack(len(message)) + message
 
 
 async def next_message(reader: asyncio.StreamReader) -> bytes:
-    """The next message of a stream. Raises FramingError for a length that none has, asyncio.IncompleteReadError at the end."""
+    """The next message of a stream. Raises ValueError for a length that none has, asyncio.IncompleteReadError at the end."""
     size, = LENGTH.unpack(await reader.readexactly(LENGTH.size))
     if not 0 < size <= LARGEST_RECEIVED:
-        raise FramingError(f'a message of {size} bytes, expected 1 to {LARGEST_RECEIVED}')
+        raise ValueError(f'a message of {size} bytes, expected 1 to {LARGEST_RECEIVED}')
     return await reader.readexactly(size)
 
 
@@ -85,27 +82,26 @@ class SapientOutput:
         for message in received.messages:
             self._react(self._stage.on_message(message, situation.place, now))
         self._react(self._stage.on_tracks(situation.tracks, now))
-        self._react(self._stage.on_time(Health(situation.place, situation.problems, situation.silent), now))
+        self._react(self._stage.on_time(situation.place, situation.problems, situation.silent, now))
 
     def problem(self) -> str:
         """Why nothing is reported."""
         peer = f'the fusion node {self._peer[0]}:{self._peer[1]}'
         if not self._session:
             return f'{peer} is not connected: {self._link.problem or "no answer yet"}'
-        if self._stage.refusal:
-            return f'{peer} refuses the registration: {self._stage.refusal}'
+        if self._stage.session.refusal:
+            return f'{peer} refuses the registration: {self._stage.session.refusal}'
         complaint = self._stage.complaint(self._now)
         if complaint:
             return f'{peer} {complaint}'
-        return '' if self._stage.accepted else f'{peer} has not acknowledged the registration'
+        return '' if self._stage.session.accepted else f'{peer} has not acknowledged the registration'
 
     def values(self) -> dict[str, object]:
         """Numbers of what was sent and received."""
         desk = self._stage.desk
-        return {'peer': f'{self._peer[0]}:{self._peer[1]}', 'registered': self._stage.accepted, **self._stage.counts,
+        return {'peer': f'{self._peer[0]}:{self._peer[1]}', 'registered': self._stage.session.accepted, **self._stage.counts,
                 'task': desk.active.task_id if desk.active else 'none', 'tasks accepted': desk.accepted,
-                'tasks refused': desk.refused, 'newest unusable message': self._stage.problem or 'none',
-                **link_values(self._link)}
+                'tasks refused': desk.refused, **link_values(self._link)}
 
     def close(self) -> None:
         """Say goodbye, and end the task."""

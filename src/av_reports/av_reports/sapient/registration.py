@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from av_reports.sapient.protocol import ICD_VERSION, Registration, location, range_bearing, velocity
@@ -30,8 +31,7 @@ def registration_message(settings: SapientSettings) -> Any:
         status_definition=Registration.StatusDefinition(
             status_interval=_seconds(STATUS_S), location_definition=_place()),
         mode_definition=[_mode(settings)],
-        config_data=[Registration.ConfigurationData(manufacturer=MANUFACTURER, model=MODEL,
-                                                    software_version=settings.software_version or None)])
+        config_data=[Registration.ConfigurationData(manufacturer=MANUFACTURER, model=MODEL, software_version=_version())])
 
 
 def _mode(settings: SapientSettings) -> Any:
@@ -95,3 +95,10 @@ def _directions(settings: SapientSettings) -> Any:
 
 def _seconds(value: float) -> Any:
     return Registration.Duration(units=Registration.TIME_UNITS_SECONDS, value=value)
+
+
+def _version() -> str | None:
+    try:
+        return version('av_reports')
+    except PackageNotFoundError:  # not installed
+        return None

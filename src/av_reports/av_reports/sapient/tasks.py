@@ -28,20 +28,23 @@ class ActiveTask:
 
     Parameters:
         task_id: its ULID.
+        asker: UUID of the fusion node that has asked for it.
         end (s): UTC since 1970.
         command: what it asks.
     """
 
     task_id: str
+    asker: str
     end: float
     command: Command
 
 
-def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) -> ActiveTask:
+def active_task(task: Any, asker: str, objects: ObjectIds, place: Place | None, now: float) -> ActiveTask:
     """What a task with control START asks of the rig. Raises RefusedTaskError for a task that it cannot perform.
 
     Parameters:
         task: a valid Task.
+        asker: UUID of the fusion node that asks.
         objects: the objects that have been reported.
         place: where the rig stands; None while unknown.
         now (s): UTC since 1970.
@@ -56,12 +59,16 @@ def active_task(task: Any, objects: ObjectIds, place: Place | None, now: float) 
     if task.region:
         command: Command = _region(task.region, kind)
     elif kind == 'follow':
-        command = _follow(task.command.follow.follow_object_id, objects)
+        object_id = task.command.follow.follow_object_id
+        track = objects.track(object_id)
+        if track is None:
+            raise RefusedTaskError(f'{object_id!r:.40} is no object that is tracked')
+        command = Follow(track)
     elif kind == 'look_at':
         command = _look_at(task.command.look_at, place)
     else:
         raise RefusedTaskError(f'{kind or "a task without a command"} is not supported, only look_at and follow')
-    return ActiveTask(task.task_id, min(end, now + LONGEST_S), command)
+    return ActiveTask(task.task_id, asker, min(end, now + LONGEST_S), command)
 
 
 def _seconds(stamp: Any) -> float:
@@ -78,13 +85,6 @@ def _region(regions: Sequence[Any], kind: str | None) -> LookAt:
     if first.region_area.WhichOneof('fov_oneof') != 'range_bearing':
         raise RefusedTaskError('regions are understood as directions only')
     return _direction(first.region_area.range_bearing)
-
-
-def _follow(object_id: str, objects: ObjectIds) -> Follow:
-    track = objects.track(object_id)
-    if track is None:
-        raise RefusedTaskError(f'{object_id!r:.40} is no object that is tracked')
-    return Follow(track)
 
 
 def _look_at(where: Any, place: Place | None) -> LookAt:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
+from itertools import islice
 from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
@@ -35,12 +36,7 @@ def parse(data: bytes) -> Any:
 
 def check(message: Any) -> None:
     """Raise ValueError that names the faults of a message of SAPIENT."""
-    found = []
-    for fault in faults(message):
-        found.append(fault)
-        if len(found) == MOST_FAULTS:
-            break
-    if found:
+    if found := list(islice(faults(message), MOST_FAULTS)):
         raise ValueError('; '.join(found))
 
 
