@@ -62,10 +62,9 @@ def to_truth(state: VehicleState, copter_id: int) -> VehicleTruth:
 def from_truth(truth: VehicleTruth) -> VehicleState:
     """RFlySim's state in ROS frames. Acceleration and angular rate are zero for the layout without them."""
     attitude = attitude_ned_to_enu(truth.quaternion_wxyz / np.linalg.norm(truth.quaternion_wxyz))
-    acceleration = np.zeros(3) if truth.acceleration_frd is None else frd_to_flu(truth.acceleration_frd)
-    rate = np.zeros(3) if truth.rate_frd is None else frd_to_flu(truth.rate_frd)
     return VehicleState(truth.time, ned_to_enu(truth.position_ned), ned_to_enu(truth.velocity_ned),
-                        quat2mat(attitude) @ acceleration, attitude, rate, truth.motor_rpm)
+                        quat2mat(attitude) @ frd_to_flu(truth.acceleration_frd), attitude, frd_to_flu(truth.rate_frd),
+                        truth.motor_rpm)
 
 
 def to_imu(state: VehicleState, sequence: int) -> ImuSample:

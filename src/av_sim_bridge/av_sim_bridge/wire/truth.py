@@ -1,7 +1,7 @@
 """True state of one vehicle (RFlySim's `SOut2Simulator`), in the long and the short layout."""
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from transforms3d.euler import euler2quat
@@ -45,9 +45,9 @@ class VehicleTruth:
         euler_rad (rad, (3,)): roll, pitch, yaw.
         quaternion_wxyz ((4,)): attitude (w, x, y, z).
         motor_rpm (1/min, (8,)): motor speeds.
-        acceleration_frd (m/s^2, (3,)): acceleration, None in the short layout.
-        rate_frd (rad/s, (3,)): angular rate, None in the short layout.
-        gps (deg, deg, m, (3,)): latitude, longitude, altitude; None is sent as zeros.
+        acceleration_frd (m/s^2, (3,)): acceleration, zero in the short layout.
+        rate_frd (rad/s, (3,)): angular rate, zero in the short layout.
+        gps (deg, deg, m, (3,)): latitude, longitude, altitude.
     """
 
     copter_id: int
@@ -58,18 +58,16 @@ class VehicleTruth:
     euler_rad: np.ndarray
     quaternion_wxyz: np.ndarray
     motor_rpm: np.ndarray
-    acceleration_frd: np.ndarray | None = None
-    rate_frd: np.ndarray | None = None
-    gps: np.ndarray | None = None
+    acceleration_frd: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rate_frd: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    gps: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def encode_truth(truth: VehicleTruth) -> bytes:
     """The 168 bytes of a state in the long layout."""
-    acceleration, rate, gps = (np.zeros(3) if values is None else values
-                               for values in (truth.acceleration_frd, truth.rate_frd, truth.gps))
     return _LONG.pack(LONG_MAGIC, truth.copter_id, truth.vehicle_type, 0, *truth.velocity_ned, *truth.euler_rad,
-                      *truth.quaternion_wxyz, *truth.motor_rpm, *acceleration, *rate, truth.time,
-                      *truth.position_ned, *gps)
+                      *truth.quaternion_wxyz, *truth.motor_rpm, *truth.acceleration_frd, *truth.rate_frd, truth.time,
+                      *truth.position_ned, *truth.gps)
 
 
 def is_truth(datagram: bytes) -> bool:
@@ -89,9 +87,7 @@ def check_truth(truth: VehicleTruth) -> None:
     check_number(truth.copter_id, 'truth: copter id')
     check_time(truth.time, 'truth')
     for name, limit in _LIMITS.items():
-        values = getattr(truth, name)
-        if values is not None:
-            check_within(values, limit, f'truth: {name}')
+        check_within(getattr(truth, name), limit, f'truth: {name}')
     if not is_orientation(truth.quaternion_wxyz):
         raise WireError(f'truth: quaternion has norm {np.linalg.norm(truth.quaternion_wxyz):.3g}, expected 1')
 
