@@ -1,8 +1,9 @@
-"""What is reported of a target, as plain data: a bearing by a single rig, or a position by a network of rigs."""
+"""What is reported of a target, as plain data: a bearing by a single rig, or a position by a network; what others may ask."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 LIKELY = 0.5  # from this probability on something is what it may be
@@ -83,12 +84,19 @@ class PositionTrack(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a rig stands: latitude, longitude (deg), altitude (m), WGS84, above its ellipsoid; standard deviation (m)."""
+    """Where a rig stands.
+
+    Parameters:
+        latitude, longitude (deg), altitude (m): WGS84, above its ellipsoid.
+        sigma (m): standard deviation.
+        surveyed: whether it was given by a person, rather than measured.
+    """
 
     latitude: float
     longitude: float
     altitude: float
     sigma: float = math.nan
+    surveyed: bool = True
 
 
 def is_reported(track: BearingTrack | PositionTrack, now: float, only_drones: bool = True) -> bool:
@@ -102,3 +110,33 @@ def is_reported(track: BearingTrack | PositionTrack, now: float, only_drones: bo
     return (track.existence >= LIKELY and abs(now - track.measured) <= LOST_S
             and not (only_drones and track.drone_probability < LIKELY)
             and not (isinstance(track, BearingTrack) and not track.resolved))
+
+
+@dataclass(frozen=True)
+class Follow:
+    """The rig is to follow the track `id`."""
+
+    id: int
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """The rig is to look in a direction.
+
+    Parameters:
+        azimuth (rad): clockwise, from true north or from the rig's forward direction.
+        elevation (rad): up from the horizontal plane.
+        north: whether the azimuth counts from true north.
+    """
+
+    azimuth: float
+    elevation: float
+    north: bool
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The rig is to do again what it did without a task."""
+
+
+Command = Follow | LookAt | Stop

@@ -69,17 +69,9 @@ class Link:
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name='link', daemon=True)
         self._thread.start()
 
-    def take(self, most: int = MOST_RECEIVED) -> Received:
-        """What has arrived.
-
-        Parameters:
-            most: number of messages at the most.
-        """
-        session = self._session
-        messages: list[bytes] = []
-        while self._inbox and len(messages) < most:
-            messages.append(self._inbox.popleft())
-        return Received(session, messages)
+    def take(self) -> Received:
+        """What has arrived."""
+        return Received(self._session, [self._inbox.popleft() for _ in range(len(self._inbox))])
 
     def put(self, messages: Sequence[bytes], session: int) -> None:
         """Send messages. What belongs to an earlier connection is dropped, and the oldest where too many wait.

@@ -81,7 +81,7 @@ def place_of_fix(message: NavSatFix) -> Place:
     if message.status.status < NavSatStatus.STATUS_FIX or not _is_place(*numbers):
         raise ValueError(f'no fix: status {message.status.status}, {numbers}')
     known = message.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN and message.position_covariance[0] >= 0.0
-    return Place(*numbers, sigma=math.sqrt(message.position_covariance[0]) if known else math.nan)
+    return Place(*numbers, math.sqrt(message.position_covariance[0]) if known else math.nan, surveyed=False)
 
 
 def _is_place(latitude: float, longitude: float, altitude: float) -> bool:

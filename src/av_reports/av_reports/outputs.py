@@ -46,7 +46,7 @@ class CotOutput:
         self._placeless = situation.place is None
         session = self._link.take().session
         if session:
-            self._link.put(self._stage.on_tracks(situation.tracks, situation.place, situation.now, situation.surveyed), session)
+            self._link.put(self._stage.on_tracks(situation.tracks, situation.place, situation.now), session)
 
     def problem(self) -> str:
         """Why nothing is reported."""

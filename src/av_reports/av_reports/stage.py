@@ -26,7 +26,6 @@ class Situation(NamedTuple):
     Parameters:
         tracks: the targets.
         place: where the rig stands; None while unknown.
-        surveyed: whether a person gave that place.
         problems: what is wrong, in words.
         silent: whether the tracker says nothing at all.
         now (s): UTC since 1970.
@@ -34,7 +33,6 @@ class Situation(NamedTuple):
 
     tracks: tuple[BearingTrack | PositionTrack, ...]
     place: Place | None
-    surveyed: bool
     problems: tuple[str, ...]
     silent: bool
     now: float
@@ -132,8 +130,7 @@ class ReportStage:
         silent = now.steady - self._tracks_arrived > SILENT_S
         taken = [] if silent else [track for track in self._tracks if is_reported(track, utc, self.settings.only_drones)]
         taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
-        return Situation(tuple(taken), self._place(now), self.settings.place is not None, tuple(self._problems(silent)),
-                         silent, utc)
+        return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, utc)
 
     def _place(self, now: Instant) -> Place | None:
         if self.settings.place is not None:

@@ -75,7 +75,7 @@ def test_the_ellipse_contains_what_a_gaussian_says(angle):
 def test_the_rig_is_where_it_stands():
     event = read(rig_event(PLACE, *NAMES, NOW))
     assert (event['uid'], event['type'], event['how'], event['ce']) == ('rig-1', 'a-f-G-E-S', 'h-e', 1.5)
-    idle = read(rig_event(PLACE._replace(sigma=math.nan), *NAMES, NOW, surveyed=False))
+    idle = read(rig_event(PLACE._replace(sigma=math.nan, surveyed=False), *NAMES, NOW))
     assert 'sensor' not in idle['details'] and idle['ce'] == 9999999.0 and idle['how'] == 'm-g'
 
 

@@ -112,7 +112,7 @@ def test_a_fix_is_a_place():
     fix = NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_FIX), latitude=51.5, longitude=-0.12, altitude=30.0,
                     position_covariance=np.diag([2.25, 2.25, 9.0]).ravel(),
                     position_covariance_type=NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN)
-    assert place_of_fix(fix) == (51.5, -0.12, 30.0, 1.5)
+    assert place_of_fix(fix) == (51.5, -0.12, 30.0, 1.5, False)
     fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
     assert math.isnan(place_of_fix(fix).sigma)
     lost = NavSatStatus(status=NavSatStatus.STATUS_NO_FIX)

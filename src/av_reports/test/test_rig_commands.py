@@ -8,8 +8,8 @@ import pytest
 from rclpy.task import Future
 
 from av_interfaces.srv import SelectTarget
+from av_reports.contacts import Follow, LookAt, Stop
 from av_reports.nodes.rig_commands import BY_POLICY, RigCommands
-from av_reports.tasking import Follow, LookAt, Stop
 
 NORTH = LookAt(0.0, 0.0, True)
 

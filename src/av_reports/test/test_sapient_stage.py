@@ -11,14 +11,13 @@ pytest.importorskip('sapient_msg', reason='needs sapient-msg')
 from report_tracks import NOW, bearing, position
 from sapient_peer import FUSION_NODE, NODE, acknowledgement, from_fusion_node, task
 
-from av_reports.contacts import Place
+from av_reports.contacts import Follow, LookAt, Place, Stop
 from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
 from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, SapientStage
 from av_reports.sapient.tasks import LONGEST_S
 from av_reports.settings import SapientSettings
-from av_reports.tasking import Follow, LookAt, Stop
 
 PLACE = Place(51.5, -0.12, 30.0)
 NORTH = {'range_bearing': {'azimuth': 0.0, 'elevation': 10.0, 'coordinate_system': 1, 'datum': 1}}

@@ -20,7 +20,7 @@ PLACE = Place(51.5, -0.12, 30.0)
 
 
 def seen(*tracks, place=PLACE):
-    return Situation(tracks, place, True, (), False, NOW)
+    return Situation(tracks, place, (), False, NOW)
 
 
 def files(folder):

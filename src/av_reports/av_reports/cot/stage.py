@@ -49,17 +49,16 @@ def position_event(track: PositionTrack, uid: str, callsign: str, now: float) ->
     return _serialised(event)
 
 
-def rig_event(place: Place, uid: str, callsign: str, now: float, surveyed: bool = True) -> bytes:
+def rig_event(place: Place, uid: str, callsign: str, now: float) -> bytes:
     """The event of the rig itself.
 
     Parameters:
         place: where it stands.
         uid, callsign: of the rig.
         now (s): UTC since 1970.
-        surveyed: whether the place was given by a person, rather than measured.
     """
-    event, detail = _event(uid, RIG_TYPE, HOW_ESTIMATED if surveyed else HOW_GNSS, _point(place),
-                           (now, now, now + RIG_STALE_S))
+    how = HOW_ESTIMATED if place.surveyed else HOW_GNSS
+    event, detail = _event(uid, RIG_TYPE, how, _point(place), (now, now, now + RIG_STALE_S))
     _contact(detail, callsign)
     return _serialised(event)
 
@@ -162,20 +161,18 @@ class CotStage:
         self._sent: dict[int, float] = {}
         self._rig_sent = -math.inf
 
-    def on_tracks(self, tracks: Sequence[BearingTrack | PositionTrack], place: Place | None, now: float,
-                  surveyed: bool = True) -> list[bytes]:
+    def on_tracks(self, tracks: Sequence[BearingTrack | PositionTrack], place: Place | None, now: float) -> list[bytes]:
         """The events that are due.
 
         Parameters:
             tracks: the targets; bearings that do not count from true north are left out.
             place: where the rig stands; None while unknown, which leaves out all bearings.
             now (s): the time.
-            surveyed: whether the place was given by a person, rather than measured.
         """
         events = []
         if place is not None and is_due(now, self._rig_sent, RIG_INTERVAL_S):
             self._rig_sent = now
-            events.append(rig_event(place, self._uid, self._callsign, now, surveyed))
+            events.append(rig_event(place, self._uid, self._callsign, now))
         self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
         for track in tracks:
             uid = f'{self._uid}.{self._objects.ulid(track.id, now)}'

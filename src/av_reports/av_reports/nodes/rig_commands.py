@@ -10,14 +10,15 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Header
 
+from av_common.angles import angles_to_direction
 from av_common.frames import BASE_FRAME
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.srv import SelectTarget
-from av_reports.tasking import Command, Follow, LookAt
+from av_reports.contacts import Command, Follow, LookAt
 
 CUE_TOPIC, SELECT = 'target/cue', 'fusion_node/select'
-WORLD = 'world'  # frame of cues with a heading: at the rig, x to the east
+WORLD = 'world'  # frame of cues with a heading: at the rig, x to the east and y to the north
 FAR_M = 1000.0  # a direction has no distance
 BY_POLICY = 0  # id that leaves the choice to the tracker
 
@@ -61,7 +62,9 @@ class RigCommands:
         """Publish the cue again while there is one, so that it cannot be obeyed when this node has gone."""
         if self._cue is not None:
             header = Header(stamp=to_stamp(self._now()), frame_id=WORLD if self._cue.north else BASE_FRAME)
-            self._cues.publish(PointStamped(header=header, point=far_point(self._cue)))
+            turn = math.pi / 2 - self._cue.azimuth if self._cue.north else -self._cue.azimuth
+            x, y, z = map(float, FAR_M * angles_to_direction(turn, self._cue.elevation))
+            self._cues.publish(PointStamped(header=header, point=Point(x=x, y=y, z=z)))
 
     def _follow(self, target: int, done: Callable[[str], None]) -> None:
         if not self._tracks_alone:
@@ -86,10 +89,3 @@ class RigCommands:
         if (self._following or self._asked) and self._select.service_is_ready():
             self._select.call_async(SelectTarget.Request(id=BY_POLICY))
         self._following, self._asked = False, None
-
-
-def far_point(cue: LookAt) -> Point:
-    """A point in the direction of a cue, seen from the rig: x to the east and y to the north, or x ahead and y to the left."""
-    turn = math.pi / 2 - cue.azimuth if cue.north else -cue.azimuth
-    across = FAR_M * math.cos(cue.elevation)
-    return Point(x=across * math.cos(turn), y=across * math.sin(turn), z=FAR_M * math.sin(cue.elevation))

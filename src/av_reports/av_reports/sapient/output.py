@@ -8,15 +8,14 @@ import struct
 from collections.abc import Callable
 from functools import partial
 
+from av_reports.contacts import Command
 from av_reports.link import Link, StreamChannel
 from av_reports.outputs import link_values
 from av_reports.sapient.stage import SapientStage
 from av_reports.sapient.task_desk import Reaction
 from av_reports.settings import SapientSettings
 from av_reports.stage import Situation
-from av_reports.tasking import Command
 
-MOST_MESSAGES = 4  # of a fusion node that are answered at a time
 Perform = Callable[[Command, Callable[[str], None]], None]
 LARGEST_RECEIVED = 1 << 16  # bytes; tasks and acknowledgements have some hundred
 SILENT_MS = 20_000  # a peer that acknowledges nothing for this long is gone
@@ -70,7 +69,7 @@ class SapientOutput:
     def report(self, situation: Situation) -> None:
         """Answer what has arrived, and report."""
         self._now = now = situation.now
-        received = self._link.take(MOST_MESSAGES)
+        received = self._link.take()
         if received.session != self._session:
             if self._session:
                 self._react(self._stage.on_disconnected())

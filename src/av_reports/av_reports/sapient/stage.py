@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack, is_due
+from av_reports.contacts import BearingTrack, Command, Place, PositionTrack, is_due
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import (
     LONGEST_REASON,
@@ -21,7 +21,6 @@ from av_reports.sapient.registration import REQUESTS, STATUS_S, registration_mes
 from av_reports.sapient.task_desk import Reaction, TaskDesk
 from av_reports.sapient.validation import check, parse
 from av_reports.settings import SapientSettings
-from av_reports.tasking import Command
 
 REPORT_S = 0.5  # between two reports of an object
 AGAIN_S = 30.0  # after this time without an acknowledgement a node registers again

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from av_reports.contacts import Place, is_due
+from av_reports.contacts import Command, Follow, Place, Stop, is_due
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import LONGEST_REASON
 from av_reports.sapient.protocol import Task, TaskAck
 from av_reports.sapient.tasks import LONGEST_S, ActiveTask, RefusedTaskError, active_task
-from av_reports.tasking import Command, Follow, Stop
 
 SETTLE_S = 5.0  # time in which the rig must have said whether it can
 NO_TASKS = 'this node obeys no tasks: its parameter obey_tasks is false'

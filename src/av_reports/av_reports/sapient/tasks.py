@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from av_common.geodesy import geodetic_to_enu
-from av_reports.contacts import Place
+from av_reports.contacts import Command, Follow, LookAt, Place
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.protocol import Task, location, range_bearing
-from av_reports.tasking import Command, Follow, LookAt
 
 LONGEST_S = 3600.0  # a task without an end lasts this long at the most
 KNOWN_PLACES = (location.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M, location.LOCATION_DATUM_WGS84_E)
