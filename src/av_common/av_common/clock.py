@@ -176,11 +176,6 @@ class SenderClock:
         """ROS time minus the sender's time (s), NaN before it is known."""
         return self._offset
 
-    @property
-    def lateness(self) -> float:
-        """Delay (s) of the quickest arrivals of the last second relative to the least delay: that of a sender too slow."""
-        return max(self._low - self._floor, 0.0) if self._accepted else 0.0
-
     def date(self, stamp: float, arrival: float) -> float | None:
         """ROS time (s) of a stamp, None when it cannot be dated; it lies in the range of builtin_interfaces/Time.
 

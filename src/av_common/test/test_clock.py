@@ -280,9 +280,7 @@ def test_a_slow_sender_is_late_and_then_followed_by_slewing(rng):
         one.arrival += 0.2 if one.true >= 3.0 else 0.0
     clock = SenderClock()
     date([one for one in sent if one.true < 3.0], clock)
-    assert clock.lateness < 1e-3
     date([one for one in sent if one.true >= 3.0], clock)
-    assert clock.lateness == pytest.approx(0.2, abs=0.02)
     assert clock.restarts == 0 and share(sent, begin=1.1) == 1.0
     assert clock.offset - EPOCH == pytest.approx(0.2 + LEAST_DELAY - 5.0, abs=2e-3)
 
@@ -296,7 +294,7 @@ def test_a_sender_that_was_late_for_minutes_is_not_early_when_it_is_on_time_agai
         one.arrival += late * min(max(12.0 + seconds - one.true, 0.0) / 2.0, 1.0) if one.true >= 10.0 else 0.0
     clock = date(sent)
     assert share(sent, begin=1.1) == 1.0 and clock.restarts == 0
-    assert most_error([one for one in sent if one.true > 20.0 + seconds]) < MOST_ERROR and clock.lateness < MOST_ERROR
+    assert most_error([one for one in sent if one.true > 20.0 + seconds]) < MOST_ERROR
 
 
 @pytest.mark.parametrize('rate', [20.0, 100.0, 400.0])

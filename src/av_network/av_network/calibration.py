@@ -118,13 +118,17 @@ class RigCalibration:
         times = np.array([one.sighting.measured + clocks[one.rig] for one in observations])
         cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
         track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
+        rigs = np.array([one.rig for one in observations])
         flight, prior = _motion_information(STEP_S * np.diff(cells)), np.linalg.inv(self.covariance)
         step, size = np.zeros(len(self.mean)), track.size
+        columns = np.concatenate([6 * nodes[:, None] + np.arange(6), size + RIG_SIZE * rigs[:, None] + np.arange(RIG_SIZE)], 1)
         lasting = max(one.unstated for one in observations) * (np.arange(len(step)) % RIG_SIZE == HEADING)
         for _ in range(ITERATIONS):
-            y, A, R = self._linearise(observations, nodes, ahead, track, step)
-            weighed = np.linalg.solve(R, A)
-            matrix, vector = np.einsum('kia,kib->ab', A, weighed, optimize=True), np.einsum('kia,ki->a', weighed, y)
+            y, J, R = self._linearise(observations, rigs, ahead, np.append(track, step)[columns])
+            weighed = np.linalg.solve(R, J)
+            matrix, vector = np.zeros((size + len(step),) * 2), np.zeros(size + len(step))
+            np.add.at(matrix, (columns[:, :, None], columns[:, None]), J.swapaxes(1, 2) @ weighed)
+            np.add.at(vector, columns, np.einsum('kia,ki->ka', weighed, y))
             vector[:6] += np.linalg.solve(WIDE, track[0])
             solved = np.linalg.solve(matrix[:size, :size] + flight, np.column_stack([vector[:size], matrix[:size, size:]]))
             added = matrix[size:, size:] - matrix[size:, :size] @ solved[:, 1:]
@@ -135,33 +139,31 @@ class RigCalibration:
         self.mean = self.mean + step
         self.covariance = np.asarray(np.linalg.inv(0.5 * (information + information.T)), np.float64)
 
-    def _linearise(self, observations: Sequence[Observation], nodes: NDArray[np.intp], ahead: NDArray[np.float64],
-                   track: NDArray[np.float64], step: NDArray[np.float64]
-                   ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The k observations as y (k, 2) = A x + noise of covariance R (k, 2, 2), x being the track's states and the step.
+    def _linearise(self, observations: Sequence[Observation], rigs: NDArray[np.intp], ahead: NDArray[np.float64],
+                   x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The k observations as y (k, 2) = J x + noise of covariance R (k, 2, 2), with J (k, 2, 8).
 
         Parameters:
-            observations (k,): of the segment.
-            nodes (k,), ahead (k,) (s): to which state each belongs, and by how much it is later.
-            track (n, 6), step (2 r,): about which they are linearised; the step is what headings and clocks are off.
+            observations (k,), rigs (k,): of the segment, and the rigs that they are of.
+            ahead (k,) (s): by how much each is later than a state of the track.
+            x (k, 8): that state (position and velocity), and what heading and clock of the rig are off.
         """
         place, unstated = np.array([(one.known.position_sigma, one.unstated) for one in observations]).T
-        rigs, rows = np.array([one.rig for one in observations]), np.arange(len(observations))
-        headings, clocks = (self.mean + step)[RIG_SIZE * rigs], step[RIG_SIZE * rigs + CLOCK]
         speed = np.array([SOUND_SPEED if one.sighting.by_sound else math.inf for one in observations])
         origins = np.array([one.position for one in observations])
-        expected = apparent_directions(track[nodes, :3], track[nodes, 3:], origins, ahead + clocks, speed)
+        expected = apparent_directions(x[:, :3], x[:, 3:6], origins, ahead + x[:, 6 + CLOCK], speed)
         angles = np.array([(one.sighting.azimuth, one.sighting.elevation) for one in observations])
-        residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1), expected.angles)
-        A, of_rigs = np.zeros((len(rows), 2, track.size + len(step))), track.size + RIG_SIZE * rigs
-        A[rows[:, None, None], [[0], [1]], (6 * nodes[:, None] + np.arange(6))[:, None]] = expected.by_state
-        A[rows, 0, of_rigs] = -np.cos(expected.angles[:, 1])
-        A[rows[:, None], [0, 1], of_rigs[:, None] + CLOCK] = expected.by_time
+        angles[:, 0] += self.mean[RIG_SIZE * rigs + HEADING] + x[:, 6 + HEADING]
+        residuals = sphere.offsets(angles, expected.angles)
+        J = np.concatenate([expected.by_state, np.zeros_like(expected.by_state[:, :, :RIG_SIZE])], 2)
+        J[:, 0, 6 + HEADING] = -np.cos(expected.angles[:, 1])
+        J[:, :, 6 + CLOCK] = expected.by_time
         unstated = unstated + (place / expected.distance) ** 2
         R = np.array([one.sighting.covariance for one in observations]) + unstated[:, None, None] * np.eye(2)
-        S = R + A[:, :, track.size:] @ self.covariance @ A[:, :, track.size:].swapaxes(1, 2)
+        own = RIG_SIZE * rigs[:, None] + np.arange(RIG_SIZE)
+        S = R + J[:, :, 6:] @ self.covariance[own[:, :, None], own[:, None]] @ J[:, :, 6:].swapaxes(1, 2)
         R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
-        return residuals + A @ np.append(track, step), A, R
+        return residuals + np.einsum('kia,ka->ki', J, x), J, R
 
 
 def _motion_information(steps: NDArray[np.float64]) -> NDArray[np.float64]:
