@@ -25,14 +25,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
 from av_sim_bridge.receiving.common_clock import CommonClock, OneSender, Sender
-from av_sim_bridge.receiving.streams import (
-    AudioStream,
-    CaptureStamps,
-    ImageStream,
-    OracleReport,
-    StampedImage,
-    StateStream,
-)
+from av_sim_bridge.receiving.streams import AudioStream, CaptureStamps, ImageStream, StampedImage, StateStream
 from av_sim_bridge.vehicle import from_truth, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.gimbal import decode_gimbal
@@ -125,12 +118,12 @@ class BridgeStage:
                  camera: str = 'camera') -> StampedImage | Detection2DArray | None:
         """A complete image of one of the rig's cameras, still encoded, or the oracle's detections; None while incomplete."""
         result = self._images[camera].take(datagram, arrival, sender)
-        if not isinstance(result, OracleReport):
+        if result is None or isinstance(result, StampedImage):
             return result
         if not self._settings.oracle_detections:
             return None
-        header = messages.make_header(result.stamp, self.rig.cameras[camera].optical_frame)
-        return messages.oracle_detections_message(header, result.boxes)
+        boxes, stamp = result
+        return messages.oracle_detections_message(messages.make_header(stamp, self.rig.cameras[camera].optical_frame), boxes)
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
         """A complete depth image, still encoded; None while incomplete."""

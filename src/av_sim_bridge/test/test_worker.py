@@ -46,7 +46,7 @@ def test_a_consumer_goes_on_after_errors(reported):
     done = []
     consumer = Consumer('consumer', lambda item: done.append(1 / item))
     for item in (0, 1, 0, 2):
-        wait(lambda: consumer._items.empty())
+        wait(lambda: not consumer._items)
         consumer.put(item)
     consumer.stop()
     assert done == [1.0, 0.5] and consumer.failed == 2 and len(reported) == 1

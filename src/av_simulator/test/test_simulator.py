@@ -24,14 +24,7 @@ from av_common.launched import BEAT_PERIOD_S, RUN_FOLDER, started_file
 from av_common.rig import load_rig
 from av_sim_bridge.receiving.common_clock import CommonClock
 from av_sim_bridge.receiving.receiver import Receiver, open_port
-from av_sim_bridge.receiving.streams import (
-    AudioStream,
-    CaptureStamps,
-    ImageStream,
-    OracleReport,
-    StampedImage,
-    StateStream,
-)
+from av_sim_bridge.receiving.streams import AudioStream, CaptureStamps, ImageStream, StampedImage, StateStream
 from av_sim_bridge.vehicle import VehicleState, from_truth, to_truth
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.gimbal import decode_gimbal
@@ -81,8 +74,8 @@ class Decoders:
         result = self.image_stream.take(*datagram)
         if isinstance(result, StampedImage):
             self.images.append(result)
-        elif isinstance(result, OracleReport):
-            self.boxes.append((result.boxes, result.stamp))
+        elif result is not None:
+            self.boxes.append(result)
 
     def take_depth(self, *datagram):
         self.depths.extend(filter(None, [self.depth_stream.take(*datagram)]))

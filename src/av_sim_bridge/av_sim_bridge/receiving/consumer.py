@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -74,21 +74,16 @@ class Consumer(Worker, Generic[Item]):
     def __init__(self, name: str, work: Callable[[Item], None]):
         self.dropped = 0
         self._work = work
-        self._items: queue.Queue[Item | None] = queue.Queue(MOST_WAITING)
+        self._items: deque[Item | None] = deque(maxlen=MOST_WAITING)
+        self._filled = threading.Condition()
         super().__init__(name, self._take)
 
     def put(self, item: Item | None) -> None:
-        """Append an item to the queue without blocking; None ends the thread."""
-        while True:
-            try:
-                self._items.put_nowait(item)
-                return
-            except queue.Full:
-                try:
-                    self._items.get_nowait()
-                    self.dropped += 1
-                except queue.Empty:
-                    pass
+        """Append an item without blocking; None ends the thread."""
+        with self._filled:
+            self.dropped += len(self._items) == MOST_WAITING
+            self._items.append(item)
+            self._filled.notify()
 
     def stop(self) -> None:
         """End the thread after the waiting items."""
@@ -96,8 +91,10 @@ class Consumer(Worker, Generic[Item]):
         self._thread.join()
 
     def _take(self) -> None:
-        item = self._items.get()
+        with self._filled:
+            self._filled.wait_for(lambda: self._items)
+            item = self._items.popleft()
         if item is None:
-            self._stopping = True
+            self.end()
         else:
             self._work(item)

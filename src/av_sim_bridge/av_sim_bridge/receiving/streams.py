@@ -96,19 +96,6 @@ class StampedImage:
     stamp: float
 
 
-@dataclass(frozen=True)
-class OracleReport:
-    """Boxes of the visual oracle in one image.
-
-    Parameters:
-        boxes: one box for each visible target.
-        stamp (s): capture time of the image, ROS time.
-    """
-
-    boxes: list[OracleBox]
-    stamp: float
-
-
 class CaptureStamps:
     """Assigns one ROS time to each capture time, so that simultaneous captures have identical stamps."""
 
@@ -149,8 +136,8 @@ class ImageStream:
         self._newest: tuple[Sender, float, float] | None = None    # sender, time and stamp of the newest fragment
         self._reported = math.nan    # time of the image with the newest report, on the sender's clock
 
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
-        """The image or report that this datagram completes, None if it completes none."""
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | tuple[list[OracleBox], float] | None:
+        """The image that this datagram completes, or the oracle's boxes and the stamp (s) of their image; else None."""
         if is_oracle(datagram):
             return self._report(decode_oracle(datagram), arrival, sender)
         fragment = decode_fragment(datagram)
@@ -163,7 +150,7 @@ class ImageStream:
         image = self.assembler.add(fragment)
         return None if image is None else StampedImage(image, stamp)
 
-    def _report(self, boxes: list[OracleBox], arrival: float, sender: Sender) -> OracleReport | None:
+    def _report(self, boxes: list[OracleBox], arrival: float, sender: Sender) -> tuple[list[OracleBox], float] | None:
         if self._newest is None or self._newest[0] != sender:
             self._clock.refuse_others(self._name, sender, arrival)
             return None
@@ -171,7 +158,7 @@ class ImageStream:
         if time == self._reported:    # it came twice, or its image was lost
             return None
         self._reported = time
-        return OracleReport(boxes, stamp)
+        return boxes, stamp
 
 
 class StateStream:
