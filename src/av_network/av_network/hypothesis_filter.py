@@ -66,11 +66,6 @@ class HypothesisFilter:
         self.mean, self.covariance = np.zeros((0, flights, TARGET_SIZE)), np.zeros((0, flights, TARGET_SIZE, TARGET_SIZE))
         self.modes = np.zeros((0, flights))
 
-    @property
-    def count(self) -> int:
-        """Number of targets."""
-        return len(self.mean)
-
     def targets(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Means (n, 9) and covariances (n, 9, 9) of position, velocity and acceleration."""
         return _moments(self.modes, self.mean, self.covariance)
@@ -108,7 +103,7 @@ class HypothesisFilter:
     def _ahead(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Probabilities of the modes, and means and covariances in each, at a time (s)."""
         step = 0.0 if self.time is None else time - self.time
-        modes, shares = mixing(self.modes, np.full(self.count, step))
+        modes, shares = mixing(self.modes, np.full(len(self.mean), step))
         mean, P = mixed(shares, self.mean, self.covariance)
         F, Q = target_motion(step)
         return modes, np.einsum('fij,nfj->nfi', F, mean), F @ P @ F.swapaxes(-1, -2) + Q
@@ -120,7 +115,7 @@ class HypothesisFilter:
             observations (m,): one at least, of one report.
             rows (n,): the targets; by default all.
         """
-        first, rows = observations[0], np.arange(self.count) if rows is None else rows
+        first, rows = observations[0], np.arange(len(self.mean)) if rows is None else rows
         count, flights, m = len(rows), len(motion_model.MODES), len(observations)
         size = count * flights
         mean, P = self.mean[rows].reshape(size, TARGET_SIZE), self.covariance[rows].reshape(size, TARGET_SIZE, TARGET_SIZE)

@@ -22,6 +22,7 @@ WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
 MOST_CANDIDATES = 40  # that are examined at a time
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
+MOST_PROPOSED = 8  # candidates by one report
 MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
 MOST_APART = 9.0  # squared distance of two directions where they are closest, over its variance
 LEAST_SINE_SQUARED = 1e-3  # of the angle between two directions
@@ -133,7 +134,7 @@ class Pairing:
                         if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
         others = [one for _, other in recent for one in self._contested[other][1]]
         self._contested[rig] = time, reported
-        room = MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses)
+        room = min(MOST_PROPOSED, MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses))
         if not others or room <= 0:
             return
         lines = lines_of([*reported, *others])
@@ -154,7 +155,7 @@ class Pairing:
     def _begin(self, states: HypothesisFilter, pairs: Sequence[tuple[Observation, Observation]], places: NDArray[np.float64],
                density: float, time: float) -> list[NetworkTarget]:
         """Candidates of pairs, whose score is the Bayes factor of one target against two; targets are uniform in space."""
-        begun = states.count
+        begun = len(states.mean)
         means = np.concatenate([places, np.zeros((len(pairs), 3))], 1)
         states.add(means, np.array([np.diag([*[WIDE_M**2] * 3, *SPEED_SIGMA**2 * AXES_SHARES])] * len(pairs)))
         # The prior of the update is Gaussian and wide; at its centre it is replaced by the uniform one.

@@ -57,7 +57,6 @@ class RigInput:
         position (3,) (m): where it is, ENU; None while unknown.
         fixed (s): when its place by satellites arrived.
         unresolved: ids of its tracks that are not known from their mirror images.
-        size (bytes): of its reports.
         newest (s): capture time by its clock.
         unplaced: number of reports before its place was known.
     """
@@ -66,7 +65,6 @@ class RigInput:
     position: NDArray[np.float64] | None
     fixed: float = -math.inf
     unresolved: set[int] = field(default_factory=set)
-    size: int = 0
     newest: float = -math.inf
     unplaced: int = 0
 
@@ -105,17 +103,15 @@ class NetworkStage:
         self.tracker.join(rig)
         self.rigs[rig.name] = RigInput(place, place.position if place.source == SURVEYED else None)
 
-    def on_report(self, rig: str, message: RigReport, size: int, arrival: float) -> None:
+    def on_report(self, rig: str, message: RigReport, arrival: float) -> None:
         """Take a rig's report. Raises ValueError for what cannot be used.
 
         Parameters:
             rig: the rig's name.
             message: directions of its targets, and its position by odometry.
-            size (bytes): of the message.
             arrival (s): time of its arrival.
         """
         found = self.rigs[rig]
-        found.size += size
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
         check_age(rig, arrival - self.tracker.corrected_time(index, stamp),

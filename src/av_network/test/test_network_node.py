@@ -30,7 +30,7 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
         for each in (node, rig):
             executor.add_node(each)
         end = time.monotonic() + LONG_S
-        while not (node.is_active and any(each.size for each in node._stage.rigs.values())):
+        while not (node.is_active and any(each.newest > 0.0 for each in node._stage.rigs.values())):
             assert time.monotonic() < end, 'it did not join'
             reports.publish(RigReport(version=RigReport.VERSION, header=Header(stamp=to_stamp(node.now()))))
             executor.spin_once(timeout_sec=0.05)

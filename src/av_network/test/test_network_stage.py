@@ -43,7 +43,7 @@ def run(stage, names, seconds=5.0, **values):
     for step in range(round(4 * seconds)):
         time = START + 0.25 * step
         for name in names:
-            stage.on_report(name, report(name, time, **values), 200, time + 0.02)
+            stage.on_report(name, report(name, time, **values), time + 0.02)
         message = stage.output(time + 0.05)
     return message
 
@@ -88,11 +88,11 @@ def test_a_rig_that_does_not_know_the_side_is_told():
         for step in range(20):
             time = START + 0.25 * step
             for name in ('left', 'right'):
-                stage.on_report(name, report(name, time), 200, time + 0.02)
+                stage.on_report(name, report(name, time), time + 0.02)
             unsure = report('third', time, resolved=False)
             if mirrored:
                 unsure.directions[0].azimuth = -unsure.directions[0].azimuth
-            stage.on_report('third', unsure, 200, time + 0.02)
+            stage.on_report('third', unsure, time + 0.02)
             stage.output(time + 0.05)
         point = stage.cues(START + 5.0)['third'].point
         assert np.linalg.norm(PLACES['third'] + [point.x, point.y, point.z] - DRONE) < 1.0
@@ -123,12 +123,12 @@ def test_positions_by_odometry_and_by_satellites():
     assert stage.rigs['left'].unplaced
     moved = report('left', START + 2.0)
     moved.position[0] = 2.0
-    stage.on_report('left', moved, 200, START + 2.0)
+    stage.on_report('left', moved, START + 2.0)
     assert math.isnan(stage.output(START + 2.0).rigs[0].position.x), 'a position with unknown parts is not used'
     moved.position[1:] = 0.0
-    stage.on_report('left', moved, 200, START + 2.0)
+    stage.on_report('left', moved, START + 2.0)
     assert stage.output(START + 2.0).rigs[0].position.x == -18.0
-    stage.on_report('left', report('left', START + 2.5), 200, START + 2.5)
+    stage.on_report('left', report('left', START + 2.5), START + 2.5)
     assert math.isnan(stage.output(START + 2.5).rigs[0].position.x), 'without odometry, its place is not known any more'
     datum = (48.0, 11.0, 500.0)
     stage = stage_of(source=FIX, datum=datum)
@@ -146,10 +146,10 @@ def test_a_place_by_satellites_is_not_used_for_ever(later):
     stage = stage_of(source=FIX, datum=datum)
     for time in (START, START + later):
         stage.on_fix('left', FOUND, time)
-        stage.on_report('left', report('left', time), 200, time)
+        stage.on_report('left', report('left', time), time)
         assert math.isfinite(stage.output(time + 0.1).rigs[0].position.x) and not stage.rigs['left'].unplaced
     stage.output(START + 2.0 * later)
-    stage.on_report('left', report('left', START + 2.0 * later), 200, START + 2.0 * later)
+    stage.on_report('left', report('left', START + 2.0 * later), START + 2.0 * later)
     assert math.isnan(stage.output(START + 2.0 * later).rigs[0].position.x) and stage.rigs['left'].unplaced == 1
 
 
@@ -186,23 +186,23 @@ def test_the_future_is_refused_beyond_the_uncertainty_of_the_clock():
     rigs = [RigSettings('left', 0.01, 0.0), RigSettings('right', 0.01, 0.05)]
     stage = NetworkStage(rigs, [RigPlace(SURVEYED, PLACES[rig.name]) for rig in rigs])
     for name, ahead in (('left', 0.09), ('right', 0.29)):
-        stage.on_report(name, report(name, START + ahead), 200, START)
+        stage.on_report(name, report(name, START + ahead), START)
         with pytest.raises(ValueError, match=rf'stamp of {name} \+0.32 s from its arrival'):
-            stage.on_report(name, report(name, START + 0.32), 200, START)
+            stage.on_report(name, report(name, START + 0.32), START)
 
 
 def test_stamps_of_another_clock_and_too_many_tracks_are_refused():
     """With the rig's name in the error."""
     stage = stage_of()
     with pytest.raises(ValueError, match='stamp of left'):
-        stage.on_report('left', report('left', START), 200, START + 60.0)
+        stage.on_report('left', report('left', START), START + 60.0)
     message = report('left', START)
     message.directions = message.directions * 51
     with pytest.raises(ValueError, match='51 targets of left'):
-        stage.on_report('left', message, 200, START)
+        stage.on_report('left', message, START)
     message.directions = message.directions[:2]
     with pytest.raises(ValueError, match='several directions of one target of left'):
-        stage.on_report('left', message, 200, START)
+        stage.on_report('left', message, START)
 
 
 def test_probabilities_that_are_none_are_not_passed_on():
@@ -218,11 +218,11 @@ def test_tracks_are_in_the_order_of_their_ids_and_of_one_rig_at_most_as_many_as_
     for step in range(40):
         time = START + 0.25 * step
         for name in ('left', 'right'):
-            stage.on_report(name, report(name, time), 200, time)
+            stage.on_report(name, report(name, time), time)
         made_up = report('third', time)
         made_up.directions = [report('third', time, id=100 + (50 * step + k if k else 0), azimuth=-2.0 + 0.01 * k).directions[0]
                               for k in range(50)]
-        stage.on_report('third', made_up, 200, time)
+        stage.on_report('third', made_up, time)
         tracks = stage.output(time).tracks
         assert [track.id for track in tracks] == sorted(track.id for track in tracks) and len(tracks) <= 52
 
@@ -231,7 +231,7 @@ def test_no_rig_reports_faster_than_it_may():
     """In whatever order."""
     stage = stage_of()
     for step in range(1000):
-        stage.on_report('left', report('left', START - 0.001 * step), 200, START)
+        stage.on_report('left', report('left', START - 0.001 * step), START)
     assert len(list(stage.queue.ready(START + 9.0))) == 25 and stage.queue.late == {'left': 975}
 
 
@@ -242,7 +242,7 @@ def test_a_clock_that_is_set_back_starts_anew():
     for step in range(20):
         time = START - 500.0 + 0.25 * step
         for name in ('left', 'right'):
-            stage.on_report(name, report(name, time), 200, time + 0.02)
+            stage.on_report(name, report(name, time), time + 0.02)
         message = stage.output(time + 0.05)
     assert message.tracks[0].id > first
 
@@ -269,7 +269,7 @@ def test_a_rig_joins_while_the_network_runs():
         for name in ('left', 'right'):
             message = report(name, time)
             message.position = PLACES[name].astype(np.float32)
-            stage.on_report(name, message, 200, time + 0.02)
+            stage.on_report(name, message, time + 0.02)
         world = stage.output(time + 0.05)
     (track,) = [one for one in world.tracks if one.positioned]
     found = np.array([track.position.x, track.position.y, track.position.z])

@@ -86,6 +86,11 @@ class Link:
             if not is_late:
                 self._outbox.append(message)
 
+    def values(self) -> dict[str, object]:
+        """What diagnostics tell of it."""
+        return {'connections': self.connections, 'sent': self.sent, 'dropped': self.dropped,
+                'last error': self.problem or 'none'}
+
     def close(self) -> None:
         """Send what waits, within the time that a message may take, and end."""
         self._closing.set()

@@ -56,13 +56,8 @@ class CotOutput:
 
     def values(self) -> dict[str, object]:
         """Numbers of what was sent."""
-        return {'peer': self._address.url, **link_values(self._link)}
+        return {'peer': self._address.url, **self._link.values()}
 
     def close(self) -> None:
         """End the connection."""
         self._link.close()
-
-
-def link_values(link: Link) -> dict[str, object]:
-    """What diagnostics tell of a connection."""
-    return {'connections': link.connections, 'sent': link.sent, 'dropped': link.dropped, 'last error': link.problem or 'none'}

@@ -93,7 +93,7 @@ class NetworkNode(RigNode):
 
     def _on_report(self, name: str, data: bytes) -> None:
         check_version(name, version_of(data))  # others cannot be decoded
-        self._stage.on_report(name, decode(RigReport, data), len(data), self.now())
+        self._stage.on_report(name, decode(RigReport, data), self.now())
         self._meters[name].tick()
 
     def _on_time(self) -> None:
@@ -113,7 +113,6 @@ class NetworkNode(RigNode):
             if not age < SILENT_S:
                 silent.append(name)
             status.add(f'{name} rate (Hz)', f'{self._meters[name].rate:.1f}')
-            status.add(f'{name} bytes', str(each.size))
             status.add(f'{name} age (s)', f'{age:.2f}')
             status.add(f'{name} late', str(self._stage.queue.late.get(name, 0)))
             status.add(f'{name} without a position', str(each.unplaced))

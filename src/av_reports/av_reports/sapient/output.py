@@ -10,7 +10,6 @@ from functools import partial
 
 from av_reports.contacts import Command
 from av_reports.link import Link, StreamChannel
-from av_reports.outputs import link_values
 from av_reports.sapient.stage import SapientStage
 from av_reports.sapient.task_desk import Reaction
 from av_reports.settings import SapientSettings
@@ -100,7 +99,7 @@ class SapientOutput:
         desk = self._stage.desk
         return {'peer': f'{self._peer[0]}:{self._peer[1]}', 'registered': self._stage.session.accepted, **self._stage.counts,
                 'task': desk.active.task_id if desk.active else 'none', 'tasks accepted': desk.accepted,
-                'tasks refused': desk.refused, **link_values(self._link)}
+                'tasks refused': desk.refused, **self._link.values()}
 
     def close(self) -> None:
         """Say goodbye, and end the task."""
