@@ -7,7 +7,6 @@ All angles of a snapshot are in degrees in the rig's body frame (azimuth counter
 from __future__ import annotations
 
 import math
-import statistics
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -37,7 +36,7 @@ from av_view.numbers import (
 )
 from av_view.world_map import world_part
 
-MOST_DELAYS, MOST_MARKS, MOST_SECTORS = 100, 50, 720  # of the delays the median is shown
+MOST_MARKS, MOST_SECTORS = 50, 720
 MOST_PAST = 30  # bearings and directions that may belong to a picture
 STATES = {State.NONE: 'none', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
 
@@ -63,7 +62,7 @@ class RigState:
         self._truths: dict[str, tuple[float, Any]] = {}  # times of arrival and poses of the rig and of targets
         self._spectrum: tuple[float, list[float]] = -math.inf, []  # time of arrival, levels
         self._marks: deque[tuple[float, str]] = deque(maxlen=MOST_MARKS)
-        self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
+        self._delay = math.nan  # s, from its newest measurement to the arrival of the bearing
 
     def take(self, what: str, message: Any, _arrival: float = 0.0) -> None:
         """Take a message in place of the one before. Raises ValueError for an impossible stamp.
@@ -90,7 +89,7 @@ class RigState:
         if message.attitude_known and math.isfinite(message.azimuth_world):
             self._heading = float(wrap(message.azimuth_world - message.azimuth))
         if message.state != State.NONE and measured > 0.0:
-            self._delays.append(arrival - measured)
+            self._delay = arrival - measured
 
     def on_doa(self, message: Any, measurements: Sequence[DoaMeasurement]) -> None:
         """Take a `DoaArray`. Raises ValueError for an impossible stamp.
@@ -161,7 +160,7 @@ class RigState:
             'posterior': _posterior_part(fresh['posterior']) if 'posterior' in fresh else [],
             'spectrum': self._spectrum[1] if _is_recent(self._spectrum[0], now) else [],
             'marks': [mark for mark in self._marks if mark[0] <= now],
-            'delay': number(statistics.median(self._delays), 3) if self._delays and 'bearing' in fresh else None}
+            'delay': number(self._delay, 3) if 'bearing' in fresh else None}
 
     def _fresh(self, what: str, now: float) -> Any:
         """The newest message of what is asked for; None without one of the last STALE_S."""

@@ -105,7 +105,7 @@ class ViewServer:
         self._loop = asyncio.new_event_loop()
         self._server: Server | None = None
         self._files = {path: (kind, (files('av_view') / 'page' / name).read_bytes()) for path, (name, kind) in PAGE.items()}
-        self._thread = threading.Thread(target=self._run, name='view server', daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, name='view server', daemon=True)
         self.port, self.refused = port, 0
 
     def start(self) -> None:
@@ -176,10 +176,6 @@ class ViewServer:
             broadcast([viewer.connection], json.dumps({
                 'type': 'rigs', 'rigs': rigs, 'rig': viewer.rig, 'control': bool(self._access.token),
                 'token': viewer.holds_token}))
-
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.run_forever()
 
     async def _listen(self) -> None:
         quiet = logging.getLogger('av_view.websockets')  # malformed requests are counted instead

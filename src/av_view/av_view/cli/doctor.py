@@ -17,7 +17,6 @@ from pathlib import Path
 
 from av_bringup.launching import CONFIG
 from av_common.arguments import checked, within
-from av_common.rig import Rig
 from av_view.doctor import program
 from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding
@@ -67,7 +66,7 @@ def look(options: argparse.Namespace) -> list[Finding]:
         return test_running(rig, options)
     checks: dict[str, Callable[[], list[Finding]]] = {
         'files': lambda: found, 'devices': program.devices,
-        'microphones': lambda: listen(options, rig, parameter_files),
+        'microphones': lambda: program.microphones(rig, parameter_files, options.seconds, options.clap),
         'camera': lambda: program.camera(rig, parameter_files, options.seconds),
         'machine': lambda: program.machine(rig, parameter_files), 'px4': program.px4}
     findings: list[Finding] = []
@@ -75,13 +74,6 @@ def look(options: argparse.Namespace) -> list[Finding]:
         if area in options.only and not any(one.area == area and one.level == 'error' for one in findings):
             findings += checks[area]()
     return findings
-
-
-def listen(options: argparse.Namespace, rig: Rig, parameter_files: list[str]) -> list[Finding]:
-    """The microphones, with a word before the clap."""
-    if options.clap is not None:
-        print(f'clap once from {math.degrees(options.clap):.0f} degrees, now', file=sys.stderr, flush=True)
-    return program.microphones(rig, parameter_files, options.seconds, options.clap)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -84,7 +86,7 @@ def realsense_devices(rs: Any, devices: Iterable[Any] | None = None) -> list[Fin
 
 
 def microphones(rig: Rig, parameter_files: Sequence[str | Path], seconds: float, clap: float | None) -> list[Finding]:
-    """Listen as audio_node does.
+    """Listen as audio_node does, with a word before the clap.
 
     Parameters:
         rig: the description, for the array.
@@ -101,13 +103,17 @@ def microphones(rig: Rig, parameter_files: Sequence[str | Path], seconds: float,
         source.start(buffer)
     except ValueError as error:
         return [Finding('microphones', 'error', str(error), 'set device, sample_rate and channels of audio_node')]
+    if clap is not None:
+        print(f'clap once from {math.degrees(clap):.0f} degrees, now', file=sys.stderr, flush=True)
     try:
-        samples, end = np.zeros((0, len(channels))), time.monotonic() + WARM_UP_S + seconds + LATE_S
-        while len(samples) < seconds * settings.sample_rate and time.monotonic() < end:
+        blocks, end = [np.zeros((0, len(channels)))], time.monotonic() + WARM_UP_S + seconds + LATE_S
+        while sum(map(len, blocks)) < seconds * settings.sample_rate and time.monotonic() < end:
             time.sleep(0.05)
-            samples = np.concatenate([samples, _all(buffer, len(channels))])
+            while buffer.available:
+                blocks.append(buffer.read()[1])
     finally:
         source.stop()
+    samples = np.concatenate(blocks)
     if not len(samples):
         return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.ppm)
@@ -194,14 +200,6 @@ def _detector(settings: Any, size: tuple[int, int], rate: float) -> Finding:
             planner.took(spent[-1])
     searched = f' ({planner.regions} regions)' if planner is not None else ''
     return judge_detector(1000.0 * float(np.median(spent[ROUNDS // 2:])), rate, f'detector_node{searched}')
-
-
-def _all(buffer: RingBuffer, channels: int) -> NDArray[Any]:
-    """What a buffer holds, (n, channels)."""
-    blocks = [np.zeros((0, channels))]
-    while buffer.available:
-        blocks.append(buffer.read()[1])
-    return np.concatenate(blocks)
 
 
 def _synchronised() -> bool | None:
