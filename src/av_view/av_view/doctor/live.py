@@ -101,7 +101,8 @@ class LiveCheck:
     """
 
     def __init__(self, rig: Rig, marker_side: float = 0.0, marker_distance: float = 1.0, namespace: str = '') -> None:
-        self._rig, self._marker_side, self._distance = rig, marker_side, marker_distance
+        self._marker_side, self._distance = marker_side, marker_distance
+        self._array = MicrophoneArray(rig.array.positions, rig.array.geometry.name)  # along the axes of the body
         self._namespace = namespace.strip('/')
         self._gimbal = GimbalHistory()
         fixed = {rig.array.frame: rig.array.mount.rotation}
@@ -118,7 +119,7 @@ class LiveCheck:
 
     def steps(self) -> list[Step]:
         """What a person is asked to do, in turn."""
-        array = self._array()
+        array = self._array
         spans = {side: float(np.ptp(array.positions @ direction(math.radians(DIRECTIONS[side]), 0.0)))
                  for side in ('left', 'ahead')}
         sides = ('left', 'right') if spans['left'] > 0.5 * spans['ahead'] else ('ahead', 'behind')
@@ -203,11 +204,6 @@ class LiveCheck:
         self._monitor.add_camera(measurement)
         return measurement.best.azimuth, measurement.best.elevation
 
-    def _array(self) -> MicrophoneArray:
-        """The microphones along the axes of the body."""
-        array = self._rig.array
-        return MicrophoneArray(array.geometry.positions @ array.mount.rotation.T, array.geometry.name)
-
     def _judge_topics(self, over: bool) -> list[Finding]:
         came = {'audio/frames': self.observed.sound, 'odometry': self.observed.headings,
                 'camera/image_raw': [self._pictured] if math.isfinite(self._pictured) else []}
@@ -218,7 +214,7 @@ class LiveCheck:
 
     def _judge_claps(self, side: str, over: bool) -> list[Finding]:
         """The order of the channels by most of the claps, and whether doa_node hears what the channels tell."""
-        array, azimuth, observed = self._array(), math.radians(DIRECTIONS[side]), self.observed
+        array, azimuth, observed = self._array, math.radians(DIRECTIONS[side]), self.observed
         blocks = [block for block in observed.sound if block.shape[1] == array.channels]
         if observed.sound and not blocks:
             return [Finding('microphones', 'error', f'{observed.sound[0].shape[1]} channels come, {array.name} has '
