@@ -1,4 +1,4 @@
-"""Conversion of images, cameras, detections and visibility to ROS messages and back.
+"""Conversion of images, cameras and detections to ROS messages and back.
 
 Images are decoded as views or with one copy, without cv_bridge. Messages to decode may be objects of any library with the
 fields of the ROS messages.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,12 +20,8 @@ from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
 from av_common.camera import LENS_MODELS, PinholeCamera
-from av_interfaces.msg import Visibility as VisibilityMessage
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, check_pixels, decode_image
-
-if TYPE_CHECKING:    # what computes them takes a while to import
-    from av_vision.visibility import Visibility
 
 # encoding -> (dtype, channels, OpenCV conversion to BGR or None)
 ENCODINGS: dict[str, tuple[str, int, int | None]] = {
@@ -144,17 +140,6 @@ def detections_message(header: Header, detections: Detections, ids: Sequence[int
         detection.bbox.size_x, detection.bbox.size_y = size
         message.detections.append(detection)
     return message
-
-
-def visibility_message(header: Header, visibility: Visibility) -> VisibilityMessage:
-    """Convert the visibility in an image to a message.
-
-    Parameters:
-        header: header of the image.
-        visibility: the estimate.
-    """
-    return VisibilityMessage(header=header, visibility=float(visibility.share), range=float(visibility.range),
-                             unsearched=float(visibility.unsearched))
 
 
 def header_of(message: Any) -> Header:

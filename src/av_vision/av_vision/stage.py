@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from av_vision import visibility as visibilities
 from av_vision.camera_pose import LATEST_S, AttitudeHistory, CameraPose, angle_between, pixel_of
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
-from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
+from av_vision.messages import detections_message, header_of, image_from_message
 from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
@@ -83,8 +82,7 @@ class VisibilityReporter:
         self._next = time + PERIOD_S
         level = FLU_TO_OPTICAL.T if rotation is None else rotation
         distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
-        left = visibilities.estimate(image, distance, self._target_distance)
-        return replace(left, share=FOUND * left.share)
+        return visibilities.estimate(image, distance, self._target_distance)
 
     def reset(self) -> None:
         """Estimate visibility in the next image, and discard the last depth image."""
@@ -154,12 +152,13 @@ class DetectionStage:
         image = 255 - image if self._black_hot else image
         detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
-        visibility = None if self._visibility is None else self._visibility.report(image, time, camera, level)
-        if visibility is not None and self.detector.planner is not None:
-            visibility = replace(visibility, unsearched=1.0 - self.detector.planner.share)
+        left = None if self._visibility is None else self._visibility.report(image, time, camera, level)
+        planner = self.detector.planner
+        visibility = None if left is None else Visibility(
+            header=header, visibility=FOUND * left.share, range=left.range,
+            unsearched=0.0 if planner is None else 1.0 - planner.share)
         complete = len(detections) or self.detector.searched(time)
-        return (detections_message(header, detections, tracks) if complete else None,
-                None if visibility is None else visibility_message(header, visibility))
+        return detections_message(header, detections, tracks) if complete else None, visibility
 
     def on_odometry(self, message: Odometry) -> None:
         """Use the rig's attitude, so that its rotation breaks no track. Raises ValueError for an impossible one."""

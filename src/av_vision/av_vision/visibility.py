@@ -40,12 +40,10 @@ class Visibility:
     Parameters:
         share (0-1): share of a target's contrast that reaches the camera from the given distance.
         extinction (1/m): extinction of the air; nan where it cannot be estimated.
-        unsearched (0-1): share of the view that is not searched in an image.
     """
 
     share: float
     extinction: float = math.nan
-    unsearched: float = 0.0
 
     @property
     def range(self) -> float:

@@ -20,9 +20,7 @@ from av_vision.messages import (
     header_of,
     image_from_message,
     image_message,
-    visibility_message,
 )
-from av_vision.visibility import Visibility
 
 RNG = np.random.default_rng(0)
 HEADER = Header(frame_id='camera_optical_frame')
@@ -132,8 +130,6 @@ def test_no_detection_is_an_empty_array():
     assert len(message.detections) == 0
 
 
-def test_visibility_and_the_header_of_another_library():
-    sent = visibility_message(HEADER, Visibility(0.25, 0.3))
-    assert (sent.visibility, sent.range) == (0.25, pytest.approx(9.99, abs=0.01))
+def test_the_header_of_another_library():
     foreign = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=500), frame_id='camera_optical_frame')
     assert header_of(SimpleNamespace(header=foreign)) == HEADER
