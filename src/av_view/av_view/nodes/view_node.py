@@ -123,7 +123,9 @@ class ViewNode(RigNode):
         """
         new = wanted - self._watches.keys()    # by what viewers say, who may say anything
         for rig in new & {self._own, *self._rigs()} if new else ():
-            self._watches[rig] = self._watch(rig)
+            from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
+
+            self._watches[rig] = RigWatch(self, rig, partial(self.server.put, rig=rig))
             self._looked = 0.0
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
@@ -156,11 +158,6 @@ class ViewNode(RigNode):
         found = [rig for rig in rigs if self.count_publishers(rig + BEARING) + self.count_subscribers(rig + BEARING)
                  > (rig in self._watches)]
         return tuple(sorted(found, key=lambda rig: (rig != self._own, rig)))
-
-    def _watch(self, rig: str) -> RigWatch:
-        from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
-
-        return RigWatch(self, rig, partial(self.server.put, rig=rig))
 
     def _unwatch(self, rig: str) -> None:
         self._watches.pop(rig).close()
