@@ -27,14 +27,9 @@ DOMAINS = (0, 230)  # of DDS, whose ports end at 232 (DDSI-RTPS 2.5, 9.6)
 # What Cyclone DDS and Fast DDS read of an enclave, as `ros2 security` names it.
 FILES = ('identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s', 'permissions.p7s')
 CONFIGURATION = '''
-[ca]
-default_ca = issuer
 [issuer]
 database = {folder}/index.txt
-new_certs_dir = {folder}
 rand_serial = yes
-unique_subject = no
-default_md = sha256
 policy = subject
 [subject]
 commonName = supplied
@@ -80,17 +75,17 @@ def make_certificate(name: str, key: Path, certificate: Path, validity: tuple[da
         validity: first and last time of its validity, UTC
         authority: certificate and private key of the authority that signs it; None makes a new authority
     """
-    openssl('genpkey', '-algorithm', 'EC', '-pkeyopt', 'ec_paramgen_curve:P-256', '-out', key)
     with tempfile.TemporaryDirectory() as folder:
         configuration, request = Path(folder, 'openssl.cnf'), Path(folder, 'request.pem')
         configuration.write_text(CONFIGURATION.format(folder=folder, name=name))
         Path(folder, 'index.txt').touch()
-        openssl('req', '-new', '-config', configuration, '-key', key, '-out', request)
+        openssl('req', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes', '-keyout', key, '-config', configuration,
+                '-out', request)
         signer: list[str | Path] = ['-cert', authority[0], '-keyfile', authority[1], '-extensions', 'node'] if authority else \
             ['-selfsign', '-keyfile', key, '-extensions', 'authority']
         first, last = (f'{time:%Y%m%d%H%M%SZ}' for time in validity)
-        openssl('ca', '-batch', '-notext', '-config', configuration, *signer, '-startdate', first, '-enddate', last,
-                '-in', request, '-out', certificate)
+        openssl('ca', '-batch', '-notext', '-config', configuration, '-name', 'issuer', '-md', 'sha256', *signer,
+                '-startdate', first, '-enddate', last, '-outdir', folder, '-in', request, '-out', certificate)
 
 
 def sign(document: Path, signed: Path, authority: tuple[Path, Path]) -> None:
