@@ -42,12 +42,11 @@ from launch.events import Shutdown
 from launch.events.matchers import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
 
-from av_common.launched import HUNG, RESTARTS, RUN_FOLDER, started_file
+from av_common.launched import BEAT_PERIOD_S, HUNG, RESTARTS, RUN_FOLDER, started_file
 
 RESPAWN_DELAY_S = 0.2  # so that what fails at once is not started in a loop
 RESPAWN: dict[str, Any] = {'respawn': True, 'respawn_delay': RESPAWN_DELAY_S}
 MOST_RESTARTS = 3  # what fails four times in a row is no accident
-CHECK_PERIOD_S = 0.5  # the period of heartbeats
 # Checks in a row without a new heartbeat: 8 s; and 300 s in a transition, in which a model is compiled or a bag is closed.
 SILENT_CHECKS, BUSY_CHECKS = 16, 600
 PROCESSES = Path('/proc')
@@ -119,7 +118,7 @@ class Supervision:
     async def _watch(self) -> None:
         with suppress(asyncio.CancelledError):  # at the shutdown; a cancelled task would end the launch with an error
             while True:
-                await asyncio.sleep(CHECK_PERIOD_S)
+                await asyncio.sleep(BEAT_PERIOD_S)
                 self.check()
 
     def check(self) -> None:

@@ -199,7 +199,7 @@ while True:
 
 def test_a_stopped_process_of_a_launch_is_replaced(tmp_path, monkeypatch):
     """SIGSTOP, as a debugger or a full terminal does; the next process knows why it is there."""
-    monkeypatch.setattr(supervision, 'CHECK_PERIOD_S', 0.05)
+    monkeypatch.setattr(supervision, 'BEAT_PERIOD_S', 0.05)
     monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
     process = ExecuteProcess(cmd=[sys.executable, '-c', PROGRAM], output='log', **RESPAWN)
     entities = Supervision([process]).entities()

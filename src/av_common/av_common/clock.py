@@ -202,7 +202,7 @@ class SenderClock:
         lag = offset - self._offset
         if lag < 0.0:
             return offset >= (self._earliest - self._early if self.settled else accepted.first - LATEST_S)
-        if lag <= (AGREEMENT_ERROR_S if self.settled else WIDTH_S):
+        if lag <= AGREEMENT_ERROR_S:
             return True
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
         if lag > LATEST_S or stamp < self._newest or repeated:

@@ -18,7 +18,7 @@ from av_common.timeline import Timeline
 KEEP_S = 5.0  # of orientations: images are at most a second late
 FEEDBACK_TIMEOUT_S = 0.5  # after the newest measured orientation arrived, from which the gimbal counts as silent
 GAP_S = 0.06  # after a measured orientation, which the model fills
-OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused
+OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused, and none is waited for
 NEAREST_S = 0.02  # behind the newest orientation, up to which it is taken for the present one
 LARGEST_VARIANCE = 10.0  # rad^2
 LEAST_SIGMA = math.radians(0.05)  # of any report: those of a variance of 0 are rounded, too

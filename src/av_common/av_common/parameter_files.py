@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from av_common.config_reader import LARGEST_WHOLE
 from av_common.files import shown
 from av_common.yaml_reader import load_yaml
-
-LARGEST = 2**63     # of the integers of parameters
 
 
 def parameters_for(file: str | Path, node: str) -> dict[str, Any]:
@@ -56,7 +55,7 @@ def _check_kind(value: Any, complaint: str) -> None:
     items = value if isinstance(value, list) else [value]
     if len(kinds := {type(item) for item in items}) > 1 or not kinds <= {bool, int, float, str}:
         raise ValueError(f'{complaint} a truth value, a number, a text, or a list of one of these')
-    if int in kinds and not all(-LARGEST <= number < LARGEST for number in items):
+    if int in kinds and not all(-LARGEST_WHOLE - 1 <= number <= LARGEST_WHOLE for number in items):
         raise ValueError(f'{complaint} whole numbers of 64 bits')
 
 

@@ -14,9 +14,10 @@ from typing import Any
 from rclpy.exceptions import ParameterException
 from rclpy.parameter import Parameter
 
+from av_common.config_reader import LARGEST_WHOLE
 from av_common.files import nearest, shown
 from av_common.node import RigNode
-from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
+from av_common.parameter_files import fits, parameters_for, sections_of
 from av_common.parameter_node import check_value
 
 
@@ -175,7 +176,7 @@ def _real(value: Any) -> Any:
     """Integers as floats, also in lists; other values unchanged."""
     if isinstance(value, list):
         return [_real(item) for item in value]
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < LARGEST else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_WHOLE else value
 
 
 def _own_module(name: str) -> ModuleType:

@@ -20,11 +20,10 @@ from transforms3d.quaternions import quat2mat
 from av_common.body_odometry import MOST_FRAMES
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.freshness import FUTURE_S
-from av_common.gimbal_history import NEAREST_S, RESTART_S, NotYetKnownError
+from av_common.gimbal_history import NEAREST_S, OLDEST_S, RESTART_S, NotYetKnownError
 from av_common.qos import FRAMES
 from av_common.stamps import to_seconds
 
-LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
 MOVING_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100)  # as of tf2_ros
 
 
@@ -65,7 +64,7 @@ class TfRotations:
         try:
             newest = 1e-9 * self._buffer.get_latest_common_time(BASE_FRAME, frame).nanoseconds  # 0 for fixed frames
             late = time - newest if newest else 0.0
-            if self._nearest < late <= LATEST_S:
+            if self._nearest < late <= OLDEST_S:
                 raise NotYetKnownError(f'no transform from {frame!r} to {BASE_FRAME!r} of the capture time yet')
             at = newest if 0.0 < late <= self._nearest else time
             found = self._buffer.lookup_transform(BASE_FRAME, frame, Time(nanoseconds=round(1e9 * at)))

@@ -26,8 +26,7 @@ ACCEPTED, IN_PROGRESS, UNSUPPORTED = 0, 5, 3
 RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed', 'in progress', 'cancelled')
 # nav_state in which PX4 itself moves the gimbal: return, descend, terminate, land, precision landing.
 PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
-ACK_TIMEOUT_S = 1.0     # without an acknowledgement after which control counts as lost
-RETRY_S = 1.0           # between claims
+RETRY_S = 1.0           # between claims; without an acknowledgement, after which control counts as lost
 UNSUPPORTED_RETRY_S = 10.0  # between claims where PX4 has no gimbal manager
 MOST_COMMANDS_HZ = 50.0  # rate of the steps of `Px4Stage`
 STOPS_S = 0.2           # time of a stop from the highest rate, which gives the acceleration
@@ -163,7 +162,7 @@ class Gimbal:
         return [configure(RELEASE, RELEASE)] if claimed else []
 
     def _watch(self, time: float) -> None:
-        if self._need_ack and self._waiting_since is not None and time - self._waiting_since > ACK_TIMEOUT_S:
+        if self._need_ack and self._waiting_since is not None and time - self._waiting_since > RETRY_S:
             self.unacknowledged = self._answered
             if self.claim is Claim.OWNED:
                 self._give_up(time)

@@ -17,11 +17,10 @@ from collections.abc import Callable, Iterable, Mapping
 PROTOCOL = 1         # protocol_version of request and response
 ANSWER_S = 0.3       # time for an answer
 TRIES = 5            # of one question, after which PX4 counts as mute
-UNASKED_S = 2.0      # from the first topic of PX4 on, after which one that reads no questions counts as mute: PX4 1.14
 BASIC = frozenset({'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
                    *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))})
 _FIELD = re.compile(r'^\s*([a-zA-Z0-9_/]+)(\[[^\]]*\])?[ \t]+(\w+)[ \t]*(=)?', re.MULTILINE)
-SILENT_S = 2.0    # time without a message after which a topic is not alive
+SILENT_S = 2.0    # time without a message after which a topic is not alive, and PX4 that reads no questions (1.14) is mute
 
 
 def layout_hash(kind: str, definition: Callable[[str], str]) -> int:

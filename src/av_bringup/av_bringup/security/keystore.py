@@ -79,8 +79,8 @@ def make_certificate(name: str, key: Path, certificate: Path, validity: tuple[da
         configuration, request = Path(folder, 'openssl.cnf'), Path(folder, 'request.pem')
         configuration.write_text(CONFIGURATION.format(folder=folder, name=name))
         Path(folder, 'index.txt').touch()
-        openssl('req', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes', '-keyout', key, '-config', configuration,
-                '-out', request)
+        openssl('req', '-config', configuration, '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes',
+                '-keyout', key, '-out', request)
         signer: list[str | Path] = ['-cert', authority[0], '-keyfile', authority[1], '-extensions', 'node'] if authority else \
             ['-selfsign', '-keyfile', key, '-extensions', 'authority']
         first, last = (f'{time:%Y%m%d%H%M%SZ}' for time in validity)

@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from av_common.guarded_node import GuardedNode
 from av_px4.handover import others_that_steer, steers
-from av_px4.layouts import PROTOCOL, SILENT_S, UNASKED_S, LayoutCheck, layout_hash, mismatch, offered_versions, version_of
+from av_px4.layouts import PROTOCOL, SILENT_S, LayoutCheck, layout_hash, mismatch, offered_versions, version_of
 from av_px4.messages import characters, text
 
 # PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber is compatible and receives no message from before its
@@ -136,7 +136,7 @@ class Px4Link:
         if asks and not self._asks:
             self._layouts.begin()
         self._asks = asks
-        self._layouts.mute |= ASK not in self._publishers and time.monotonic() - self._begun > UNASKED_S
+        self._layouts.mute |= ASK not in self._publishers and time.monotonic() - self._begun > SILENT_S
         place = self._node.resolve_topic_name(f'{FMU}in/{ASK}').removesuffix(ASK)
         self._steering = {topic for topic in known if topic.startswith(place) and steers(topic.removeprefix(place))}
 

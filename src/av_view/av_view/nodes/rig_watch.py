@@ -19,13 +19,14 @@ from visualization_msgs.msg import MarkerArray
 from av_audio.messages import samples_of
 from av_bags.definitions import deserialiser
 from av_common.frames import BASE_FRAME
+from av_common.gimbal_history import OLDEST_S
 from av_common.guarded_node import Reader, check_size
 from av_common.node import RigNode
 from av_common.qos import RESULT, STREAM
 from av_common.refused_inputs import BAD_INPUT
 from av_common.rig import CAMERAS, camera_topic, camera_topics
 from av_common.stamps import to_seconds
-from av_common.tf_rotations import LATEST_S, TfRotations
+from av_common.tf_rotations import TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import (
     AudioFrame,
@@ -88,7 +89,7 @@ class RigWatch:
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
         # Viewers wait for no transform.
-        self._rotations = TfRotations(node, LATEST_S, f'{rig}/')
+        self._rotations = TfRotations(node, OLDEST_S, f'{rig}/')
         self._converter = MeasurementConverter(self._rotations.rotation)
         # In the order in which they are taken: the camera before what is seen through it.
         for camera in CAMERAS:
