@@ -22,12 +22,11 @@ from av_interfaces.msg import GimbalState
 from av_px4.commands import COMPONENT, GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
 from av_px4.odometry import px4_clock
 
-ACCEPTED, IN_PROGRESS, UNSUPPORTED = 0, 5, 3
+ACCEPTED, IN_PROGRESS = 0, 5
 RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed', 'in progress', 'cancelled')
 # nav_state in which PX4 itself moves the gimbal: return, descend, terminate, land, precision landing.
 PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
 RETRY_S = 1.0           # between claims; without an acknowledgement, after which control counts as lost
-UNSUPPORTED_RETRY_S = 10.0  # between claims where PX4 has no gimbal manager
 MOST_COMMANDS_HZ = 50.0  # rate of the steps of `Px4Stage`
 STOPS_S = 0.2           # time of a stop from the highest rate, which gives the acceleration
 YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
@@ -148,7 +147,7 @@ class Gimbal:
         if command == GIMBAL_CONFIGURE and self.claim is not Claim.NONE:
             self.claim = Claim.OWNED if granted else Claim.ASKED
             if not granted:
-                self._next_claim = time + (UNSUPPORTED_RETRY_S if result == UNSUPPORTED else RETRY_S)
+                self._next_claim = time + RETRY_S
         elif command == GIMBAL_PITCH_YAW and self.claim is Claim.OWNED and not granted:
             self.takeovers += 1
             self._taken = True
