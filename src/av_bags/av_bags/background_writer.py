@@ -25,7 +25,6 @@ class BackgroundWriter:
 
     Parameters:
         path: path of the bag, as for BagWriter.
-        compression: compression of the chunks, as for BagWriter.
         queue_bytes (bytes): largest total size of waiting messages.
 
     Attributes:
@@ -37,8 +36,8 @@ class BackgroundWriter:
     Raises BagError where the path exists or cannot be created.
     """
 
-    def __init__(self, path: str | Path, compression: str = 'lz4', queue_bytes: int = 64_000_000) -> None:
-        self.bag = BagWriter(path, compression)
+    def __init__(self, path: str | Path, queue_bytes: int = 64_000_000) -> None:
+        self.bag = BagWriter(path)
         self._queue_bytes = queue_bytes
         self._queue: deque[tuple[str, int, bytes]] = deque()
         self._put = self._taken = 0    # bytes until now; each is counted by one thread only

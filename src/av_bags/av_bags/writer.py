@@ -16,7 +16,7 @@ from rosbags.rosbag2.metadata import dump_qos_v8
 from av_bags.definitions import BagError, definition
 from av_bags.retrying_file import RetryingFile, unnamed_file
 
-COMPRESSIONS = ('none', 'lz4', 'zstd')
+COMPRESSION = CompressionType.LZ4    # of the chunks
 CHUNK_BYTES = 512 * 1024  # before compression, of messages that are read at once
 _EVER = QosTime(9223372036, 854775807)  # rmw's infinite duration
 DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.VOLATILE, _EVER, _EVER,
@@ -66,7 +66,6 @@ class BagWriter(AbstractContextManager['BagWriter']):
     Parameters:
         path: a name that ends in .mcap is the file itself; any other is a folder for the file and rosbag2's
             metadata.yaml. Missing parent folders are created.
-        compression: compression of the chunks: none, lz4 or zstd.
 
     Attributes:
         file: path of the mcap file.
@@ -75,12 +74,10 @@ class BagWriter(AbstractContextManager['BagWriter']):
     Raises BagError when the path exists or cannot be created.
     """
 
-    def __init__(self, path: str | Path, compression: str = 'lz4') -> None:
+    def __init__(self, path: str | Path) -> None:
         path = Path(path).expanduser()
         if path.exists():
             raise BagError(f'{path} exists already; choose another path or remove it')
-        if compression not in COMPRESSIONS:
-            raise BagError(f'compression is {compression!r}, expected {", ".join(COMPRESSIONS)}')
         self._in_folder = path.suffix != '.mcap'
         self.file = path / f'{path.name}_0.mcap' if self._in_folder else path
         try:
@@ -89,7 +86,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
             self._indexes = ChunkIndexes(self.file.parent)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error
-        self._mcap = Writer(self._stream, CHUNK_BYTES, CompressionType[compression.upper()])
+        self._mcap = Writer(self._stream, CHUNK_BYTES, COMPRESSION)
         self._mcap._Writer__chunk_indices = self._indexes  # a list would grow by 8 kB a second
         self._mcap.start('ros2')
         self._schemas: dict[str, int] = {}
