@@ -84,7 +84,7 @@ class Pulse:
                 threads.append(file.read_text().rpartition(')')[2].split())  # from field 3 of proc(5) on
         ran = sum(int(fields[11]) + int(fields[12]) for fields in threads) / os.sysconf('SC_CLK_TCK')
         before, self._ran[process] = self._ran.get(process, ran), ran
-        return min((ran - before) / CHECK_PERIOD_S, 1.0) if any(fields[0] == 'R' for fields in threads) else 1.0
+        return min((ran - before) / BEAT_PERIOD_S, 1.0) if any(fields[0] == 'R' for fields in threads) else 1.0
 
 
 class Supervision:
