@@ -19,7 +19,7 @@ from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.render_process import RendererFactory, make_renderer
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Drone, View
-from av_simulator.rig_dynamics import RigDynamics
+from av_simulator.rig_dynamics import RigDynamics, attitudes
 from av_simulator.scenario import Scenario, Target, value_at
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise
@@ -217,10 +217,5 @@ def _flight_attitudes(path: Position, times: NDArray) -> NDArray:
     ahead = velocity(path, times)
     moving = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.05
     heading = np.where(moving, np.arctan2(ahead[:, 1], ahead[:, 0]), 0.0)
-    up = _unit(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]))
-    left = _unit(np.cross(up, np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=1)))
-    return np.stack([np.cross(left, up), left, up], axis=2)
-
-
-def _unit(vectors: NDArray) -> NDArray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    thrust = acceleration(path, times) + np.array([0.0, 0.0, GRAVITY])
+    return attitudes(thrust / np.linalg.norm(thrust, axis=1, keepdims=True), heading)
