@@ -8,7 +8,6 @@ from unittest import mock
 import bag_messages as make
 import numpy as np
 import pytest
-from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from scipy.spatial.transform import Rotation
@@ -16,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from av_bags.converters import AudioLayout
 from av_bags.definitions import BagError
 from av_bags.reader import Bag
-from av_bags.writer import BagWriter
+from av_bags.writer import BagWriter, CompressionType
 from av_common.track import Source, State
 from av_evaluation.cli.replay import main
 from av_evaluation.metrics.results import metrics_of
