@@ -76,11 +76,6 @@ class RigCalibration:
         return RigState(heading, clock, turned, late, self._position_sigmas[rig])
 
     @property
-    def heading_variances(self) -> NDArray[np.float64]:
-        """Of each rig (rad^2)."""
-        return self.covariance.diagonal()[HEADING::RIG_SIZE]
-
-    @property
     def is_exact(self) -> bool:
         """Whether all headings and clocks are."""
         return not np.any(self._drift)

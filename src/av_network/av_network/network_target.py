@@ -136,29 +136,3 @@ def membership(hypotheses: Sequence[NetworkTarget], observations: Sequence[Obser
     ids = np.array([[each.members[rig].id if rig in each.members else -1 for rig in rigs] for each in hypotheses], int)
     columns = np.searchsorted(rigs, [one.rig for one in observations])
     return np.asarray(ids.reshape(-1, len(rigs))[:, columns] == [one.sighting.id for one in observations])
-
-
-def explained(hypotheses: Sequence[NetworkTarget], present: Sequence[set[tuple[int, int]]], least_score: float
-              ) -> set[tuple[int, int]]:
-    """The tracks of probable hypotheses with so many rigs that no others need to be thought of.
-
-    Parameters:
-        hypotheses: targets, and candidates that are probable from a score on.
-        present: their tracks that are observed.
-        least_score: that score.
-    """
-    return set().union(*(tracks for each, tracks in zip(hypotheses, present, strict=True)
-                         if len(tracks) >= WELL_SUPPORTED and (each.confirmed or each.score(tracks) > least_score)))
-
-
-def claims(hypotheses: Sequence[NetworkTarget], since: float) -> list[set[tuple[int, int]]]:
-    """The tracks that each hypothesis claims; a candidate none of those of targets that several other tracks support.
-
-    Parameters:
-        hypotheses: targets and candidates.
-        since (s): time since which a track has been observed.
-    """
-    members = [each.tracks(since) for each in hypotheses]
-    owned = {track for each, tracks in zip(hypotheses, members, strict=True)
-             if each.confirmed and len(tracks) >= WELL_SUPPORTED for track in tracks}
-    return [tracks if each.confirmed else tracks - owned for each, tracks in zip(hypotheses, members, strict=True)]

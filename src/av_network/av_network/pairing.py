@@ -113,10 +113,6 @@ class Pairing:
         self._most_distance = most_distance
         self._contested: dict[int, tuple[float, Sequence[Observation]]] = {}  # newest directions of each rig, and their time
 
-    def forget(self, rig: int) -> None:
-        """Forget the directions of a rig, by its index."""
-        self._contested.pop(rig, None)
-
     def propose(self, states: HypothesisFilter, hypotheses: list[NetworkTarget], reported: Sequence[Observation],
                 density: float, time: float) -> None:
         """Add candidates from pairs of directions of different rigs that meet, and belong to no hypothesis together.

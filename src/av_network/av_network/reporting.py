@@ -40,7 +40,8 @@ def target_states(states: HypothesisFilter, calibration: RigCalibration, hypothe
     observing = np.array([[rig in target.members and time - target.members[rig].last < SUPPORT_S for rig in places]
                           for target in targets])
     offsets = means[:, None, :3] - np.array(list(places.values()))
-    variances = states.unstated + np.stack([calibration.heading_variances[list(places)], np.zeros(len(places))], 1)
+    headings = [calibration.known(rig).heading_sigma ** 2 for rig in places]
+    variances = states.unstated + np.stack([headings, np.zeros(len(places))], 1)
     covariances[:, :3, :3] += lasting_errors(covariances[:, :3, :3], offsets, variances, observing)
     nearest, errors = np.linalg.norm(offsets, axis=2).min(axis=1), np.trace(covariances[:, :3, :3], axis1=1, axis2=2)
     precise = errors <= np.maximum(REPORTED_ERROR_M, REPORTED_SHARE * nearest) ** 2

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
-from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, claims, explained, membership
+from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, membership
 from av_network.observation import MOST_TRACKS, Observation, Report, RigSettings
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
@@ -121,7 +121,9 @@ class NetworkTracker:
             return
         # Directions that are not explained make chance meetings likely.
         self._density = max(TARGET_DENSITY, (len(observations) - len(assigned)) / SKY)
-        known = explained(self.hypotheses, present, LEAST_ODDS)
+        # The tracks of probable hypotheses with several rigs need no other explanation.
+        known = set().union(*(keys for each, keys in zip(self.hypotheses, present, strict=True)
+                              if len(keys) >= WELL_SUPPORTED and (each.confirmed or each.score(keys) > LEAST_ODDS)))
         contested = [column for column, one in enumerate(observations) if one.key not in known]
         pairs = {row: column for column, row in assigned.items()}
         pairs |= self._follow(rig, observations, contested, innovations, time)
@@ -156,7 +158,6 @@ class NetworkTracker:
         for each in self.hypotheses:
             each.members.pop(rig, None)
         self.unexplained = {key: pair for key, pair in self.unexplained.items() if key[0] != rig}
-        self._pairing.forget(rig)
 
     def _assign(self, rig: int, observations: Sequence[Observation], innovations: Innovations, time: float) -> dict[int, int]:
         """The target (index) of each observation (index) that stems from one."""
@@ -261,8 +262,14 @@ class NetworkTracker:
         self.filter.keep(order)
 
     def _decide(self, time: float) -> None:
-        """Candidates become targets whose odds are high, old enough, and precise enough; targets without odds are disputed."""
-        members = claims(self.hypotheses, time - SUPPORT_S)
+        """Candidates become targets whose odds are high, old enough, and precise enough; targets without odds are disputed.
+
+        A candidate claims none of the tracks of targets that several others support.
+        """
+        members = [each.tracks(time - SUPPORT_S) for each in self.hypotheses]
+        owned = set().union(*(keys for each, keys in zip(self.hypotheses, members, strict=True)
+                              if each.confirmed and len(keys) >= WELL_SUPPORTED))
+        members = [keys if each.confirmed else keys - owned for each, keys in zip(self.hypotheses, members, strict=True)]
         scores = [each.score(keys) if len(keys) > 1 or each.confirmed else -math.inf
                   for each, keys in zip(self.hypotheses, members, strict=True)]
         odds = log_odds(scores, members)

@@ -8,7 +8,7 @@ from typing import Any
 
 from av_reports.contacts import Place
 from av_reports.cot.connection import CotAddress, check_address
-from av_reports.identifiers import is_uuid, node_uuid
+from av_reports.identifiers import is_uuid
 from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
 
@@ -49,20 +49,6 @@ def report_settings(values: Any) -> ReportSettings:
     place = Place(known.latitude, known.longitude, known.altitude, SURVEYED_SIGMA_M) if is_surveyed else None
     heading = math.radians(known.heading_deg) if is_surveyed else None
     return ReportSettings(values.only_drones, values.positions, values.north, place, heading)
-
-
-def sapient_settings(values: Any, name: str) -> SapientSettings:
-    """What the node of SAPIENT is.
-
-    Parameters:
-        values: the parameters.
-        name: full name of the ROS node.
-
-    Raises OSError and ValueError where it has no node_id and cannot keep one.
-    """
-    given = values.sapient
-    return SapientSettings(given.node_id.lower() or node_uuid(name), positions=values.positions, north=values.north,
-                           obey_tasks=given.obey_tasks)
 
 
 def cot_address(values: Any) -> CotAddress:

@@ -19,7 +19,7 @@ from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.error import FARTHEST_M, check_within
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
-from av_vision.image import MOST_PIXELS, decode_image
+from av_vision.image import decode_image
 from av_vision.messages import detections_message, image_message
 
 
@@ -87,7 +87,7 @@ def make_header(stamp: float, frame: str) -> Header:
     return Header(stamp=to_stamp(stamp), frame_id=frame)
 
 
-def decode_depth(data: bytes, most_pixels: int = MOST_PIXELS) -> NDArray:
+def decode_depth(data: bytes, most_pixels: int) -> NDArray:
     """Depth (mm, (height, width), uint16), 0 where unknown (REP 118). Raises ValueError if it is not a 16-bit PNG.
 
     Parameters:

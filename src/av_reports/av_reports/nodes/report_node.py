@@ -19,7 +19,7 @@ from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
 from av_reports.outputs import CotOutput, Output
-from av_reports.settings import check_settings, cot_address, report_settings, sapient_settings
+from av_reports.settings import SapientSettings, check_settings, cot_address, report_settings
 from av_reports.stage import ReportStage
 from av_reports.track_log import TrackLog
 
@@ -42,7 +42,7 @@ class ReportNode(RigNode):
         self._outputs: dict[str, Output] = {}
 
     def activate(self) -> None:
-        """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError for files."""
+        """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError and ValueError for files."""
         stage = self._stage
         for kind, topic, take, quality in (
                 (TrackArray, 'targets', lambda m: stage.on_targets(m, self._instant(), self._to_utc()), RESULT),
@@ -75,8 +75,9 @@ class ReportNode(RigNode):
         settings, name = self._settings, self.get_fully_qualified_name()
         if settings.sapient.peer:
             from av_reports.sapient.output import SapientOutput  # needs sapient-msg
-            self._outputs['sapient'] = SapientOutput(
-                sapient_settings(settings, name), parse_peer(settings.sapient.peer), self._commands.perform)
+            node = SapientSettings(settings.sapient.node_id.lower() or node_uuid(name), settings.positions, settings.north,
+                                   settings.sapient.obey_tasks)
+            self._outputs['sapient'] = SapientOutput(node, parse_peer(settings.sapient.peer), self._commands.perform)
         if settings.cot.url:
             callsign = self.get_namespace().strip('/') or 'rig'
             self._outputs['cot'] = CotOutput(node_uuid(name), callsign, cot_address(settings))
