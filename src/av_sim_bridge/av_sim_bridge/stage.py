@@ -38,7 +38,6 @@ from av_vision.image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
-MOST_LOST = 1000    # a larger step of the sequence number of inertial measurements is no gap
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
 Output = tuple[str, Any]    # topic and message
@@ -93,7 +92,6 @@ class BridgeStage:
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
         self._truth = {number: StateStream(self._clock, name) for number, name in names.items()}
         self._imu, self._gimbal = StateStream(self._clock, 'imu'), StateStream(self._clock, 'gimbal')
-        self._imu_expected, self._imu_lost = math.inf, 0    # next sequence number, and gaps in these
         self._time_sync, self._time_sync_offset = OneSender('time_sync'), math.nan    # s, of this machine's time
         self._sequence = 0
         self._commanded = FreshInput()
@@ -171,9 +169,6 @@ class BridgeStage:
         stamp = self._imu.date(sample.time, arrival, sender)
         if stamp is None:
             return []
-        if 0 < sample.sequence - self._imu_expected < MOST_LOST:
-            self._imu_lost += sample.sequence - int(self._imu_expected)
-        self._imu_expected = sample.sequence + 1
         header = messages.make_header(stamp, BASE_FRAME)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 
@@ -229,10 +224,8 @@ class BridgeStage:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assemblers = self._audio.decoder.counts, [each.assembler for each in (*self._images.values(), self._depths)]
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
-                'audio restarts': audio.restarts,
-                'audio overwritten frames': self._ring.overwritten, 'image lost': sum(each.incomplete for each in assemblers),
-                'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu_lost,
-                'odometry unusable': self._unusable_odometry,
+                'audio restarts': audio.restarts, 'audio overwritten frames': self._ring.overwritten,
+                'image lost': sum(each.incomplete for each in assemblers), 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync_offset,
                 'audio blocks undated': self._audio.undated} | self._clock.counts

@@ -84,12 +84,10 @@ class ImageAssembler:
     Parameters:
         most_bytes (bytes): maximum size of an encoded image, and of all incomplete images together.
         incomplete: count of images that were discarded because a fragment was missing.
-        reordered: count of fragments that arrived out of order (harmless).
     """
 
     most_bytes: int = 4_000_000
     incomplete: int = 0
-    reordered: int = 0
     _partial: OrderedDict = field(default_factory=OrderedDict)
     _finished: deque = field(default_factory=lambda: deque(maxlen=16))
 
@@ -103,7 +101,6 @@ class ImageAssembler:
             raise WireError(f'image: {fragment.count} packets contradict the number in earlier packets of the same image')
         if fragment.sequence in pieces:
             return None
-        self.reordered += fragment.sequence < max(pieces, default=-1)
         pieces[fragment.sequence] = fragment
         if _size(pieces) > self.most_bytes:
             self._give_up([key])
