@@ -40,7 +40,7 @@ class TemporalDetector:
         # Without memory, boxes below the threshold are not used.
         self.model = replace(model, floor=min(model.floor, detector.threshold) if model.memory_s else detector.threshold)
         # A threshold that the user sets holds for tracks, too.
-        self._threshold = detector.settings.score_threshold or self.model.threshold
+        self._threshold = detector.settings.score_threshold or self.model.threshold or detector.threshold
         self._motion = MotionModel.from_metadata(detector.model.metadata) if self.model.memory_s else MotionModel()
         self._tracker = Tracker(self.model)
         self._shape: tuple[int, ...] | None = None
@@ -142,7 +142,7 @@ class TemporalDetector:
     def _is_likely(self, track: ImageTrack) -> bool:
         """Whether a track would be reported if it were not for its motion."""
         fused = track.scores.probabilities()
-        return bool(self.detector.kept[fused.argmax()] and fused.max() > (self._threshold or self.detector.threshold))
+        return bool(self.detector.kept[fused.argmax()] and fused.max() > self._threshold)
 
     def _cues(self, time: float) -> list[Cue]:
         """Where tracks are expected, those that are most likely of a class to report first."""

@@ -18,6 +18,7 @@ import psutil
 from numpy.typing import NDArray
 
 from av_audio.device_process import load_sounddevice
+from av_audio.device_source import WARM_UP_S
 from av_audio.device_source import DeviceSource as SoundDevice
 from av_audio.ring_buffer import RingBuffer
 from av_common.parameters import node_parameters
@@ -35,7 +36,6 @@ from av_vision.stage import make_detection_stage
 KEPT_IMAGES = 10  # of which differences are taken
 AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
 ROUNDS = 14  # of a detector, of which the second half is timed
-WARM_UP_S = 0.6  # that the source itself leaves out
 LATE_S = 10.0  # for which samples are waited for on a busy machine
 
 

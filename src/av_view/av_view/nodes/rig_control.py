@@ -22,9 +22,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
+from av_view.numbers import LONGEST_TEXT
 
 TIMEOUT_S = 5.0  # after which a person is told that no answer came
-LONGEST_MARK = 200  # characters
 # Parameters that people tune while they look, by nodes of the rig; all are real numbers.
 TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('yaw_rate_deg',)}
 Done = Callable[[dict[str, Any]], None]
@@ -169,7 +169,7 @@ class RigControl:
             wanted = service.request(request)
             return lambda done: self._call(f'{rig}/{service.name}', service.kind, wanted, done)
         if name == 'mark':
-            text = str(request['value']).strip()[:LONGEST_MARK]
+            text = str(request['value']).strip()[:LONGEST_TEXT]
             return lambda done: self._mark(rig, text, done)
         if name == 'bags':
             return lambda done: done({'done': True, 'words': '', 'bags': self._bags.names()})

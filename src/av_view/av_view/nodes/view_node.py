@@ -30,10 +30,9 @@ if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
 
 HEALTH_PERIOD_S = 1.0  # as nodes report to /diagnostics
-LINGER_S = 20.0  # from the end of the last viewer until nothing is subscribed any more
+LINGER_S = 20.0  # until nothing is subscribed any more without a viewer, and between looks at /diagnostics then
 RATE_HZ = 10.0  # most pictures and updates a second, which cost 7 % of a core for one viewer
 NICENESS = 10  # of this process below those of the rig
-UNSEEN_PERIOD_S = 20.0  # of a look at /diagnostics while nobody looks at a rig
 DIAGNOSTICS = QoSProfile(depth=MOST_NODES, reliability=RESULT.reliability)
 BEARING = '/target/bearing'  # by which a rig is found
 
@@ -110,7 +109,7 @@ class ViewNode(RigNode):
         own = self._watches.get(self._own)
         if own is not None and self._marked:
             self._markers.publish(own.markers())
-        if due and (self._watches or now - self._heard >= UNSEEN_PERIOD_S):
+        if due and (self._watches or now - self._heard >= LINGER_S):
             self._look(now)
 
     def _watch_wanted(self, wanted: set[str], watched: set[str | None], now: float) -> None:
