@@ -12,8 +12,7 @@ from view_messages import NOW
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigPose, WorldTrack, WorldTrackArray
-from av_view.rig_state import RigState
-from av_view.world_map import ellipse
+from av_view.rig_state import RigState, ellipse
 
 
 def message(*tracks, rigs=()):
