@@ -107,7 +107,8 @@ class RegionPlanner:
             self.planned = 0
             self._note_share(1.0)
             return []
-        followed, cues = self._due_tracks(tracks), self._due_cues(time, bearing)
+        followed = [(one.age / TRACK_S, self._crop('track', one.centre, CONTEXT * one.size)) for one in tracks]
+        cues = self._due_cues(time, bearing)
         due = sorted([*followed, *self._due_tiles(time, bearing), *cues], key=lambda one: -one[0])
         targets = [one for one, cue in zip(followed, tracks, strict=True) if cue.is_target]
         target = max(targets, key=lambda one: one[0], default=next(
@@ -140,24 +141,14 @@ class RegionPlanner:
     def _note_share(self, share: float) -> None:
         self.share += SMOOTHING * (min(share, 1.0) - self.share)
 
-    @property
-    def _side(self) -> int:
-        """Side of a tile in pixels of the image."""
-        return max(round(TILE_INPUT / self._scale), 1)
-
-    @property
-    def _scale(self) -> float:
-        return max(self._longest / max(self._shape), 1.0)
-
     def _begin(self, shape: tuple[int, int], time: float) -> None:
         self._shape = shape
         height, width = shape
-        self._tiles = tile_corners(width, height, self._side, OVERLAP) or [(0, 0)]
+        self._scale = max(self._longest / max(shape), 1.0)
+        self._side = max(round(TILE_INPUT / self._scale), 1)  # of a tile, in pixels of the image
+        self._tiles = tile_corners(width, height, self._side, OVERLAP)
         self._looked = np.full(len(self._tiles), time)
         self._last = dict.fromkeys(('near', 'bearing'), time)
-
-    def _due_tracks(self, tracks: Sequence[Cue]) -> list[tuple[float, Region]]:
-        return [(one.age / TRACK_S, self._crop('track', one.centre, CONTEXT * one.size)) for one in tracks]
 
     def _due_cues(self, time: float, bearing: BearingCue | None) -> list[tuple[float, Region]]:
         height, width = self._shape

@@ -19,5 +19,5 @@ def test_every_small_target_lies_whole_in_some_tile(width, height):
     assert covered.all()
 
 
-def test_an_image_of_a_tile_needs_none():
-    assert tile_corners(416, 300, 416, 0.2) == []
+def test_an_image_of_a_tile_is_one():
+    assert tile_corners(416, 300, 416, 0.2) == [(0, 0)]

@@ -125,8 +125,6 @@ def turned_region(region: Region, quarters: int, width: int, height: int) -> Reg
 def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
     """Top-left corners (x, y) of square tiles that cover an image evenly with at least the share `overlap` in common.
 
-    An image no larger than a tile needs none: the list is empty.
-
     Parameters:
         width, height (pixels): size of the image.
         side (pixels): side of the tiles.
@@ -138,8 +136,6 @@ def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tup
         count = int(np.ceil((length - side) / (side * (1.0 - overlap)))) + 1
         return np.rint(np.linspace(0, length - side, count)).astype(int).tolist()
 
-    if width <= side and height <= side:
-        return []
     return [(x, y) for y in starts(height) for x in starts(width)]
 
 
