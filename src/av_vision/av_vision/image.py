@@ -32,7 +32,8 @@ _MARKER = re.compile(rb'\xff([^\xff])', re.DOTALL)
 PNG = b'\x89PNG\r\n\x1a\n'
 JPEG = b'\xff\xd8'
 _CHUNK, _SIDES = struct.Struct('>I4s'), struct.Struct('>2I')    # length and kind, before content and checksum; in the first
-_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}    # of frames, whatever their coding
+_SIZES = frozenset({0xC0, 0xC1, 0xC2})    # baseline, extended and progressive Huffman coding
+_OTHER_SIZES = frozenset(range(0xC3, 0xD0)) - {0xC4, 0xC8, 0xCC}    # lossless, hierarchical, arithmetic coding
 _BARE = frozenset({0x01, *range(0xD0, 0xD8)})    # markers without a segment
 
 
@@ -260,7 +261,7 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
         if marker in _SIZES:
             height, width = struct.unpack_from('>2H', data, position + 3)
             return width, height
-        if marker in (0xD9, 0xDA):
+        if marker in _OTHER_SIZES or marker in (0xD9, 0xDA):
             return None
         if marker and marker not in _BARE:
             position += max(struct.unpack_from('>H', data, position)[0], 2)

@@ -125,7 +125,7 @@ class Recording:
     @property
     def problem(self) -> str:
         """See the class."""
-        found = [text for text in self._problems.values() if text]
+        found = [text for text in tuple(self._problems.values()) if text]    # another thread may read on meanwhile
         text = f'{self.path}: {"; ".join(found)}' if found else ''
         return text.encode(errors='replace').decode()    # names of files need not be UTF-8, messages must
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
@@ -79,12 +80,10 @@ class RealSenseSource:
     def close(self) -> None:
         """Stop the streams, also while another thread reads; allowed when they are stopped or the device is unplugged."""
         while self._running:
-            sensor = self._running.pop()
-            try:
+            with suppress(IndexError, RuntimeError):    # another thread was faster; it was unplugged
+                sensor = self._running.pop()
                 sensor.stop()
                 sensor.close()
-            except RuntimeError:
-                continue  # it was unplugged
 
     def _start(self) -> None:
         rs = self._rs
