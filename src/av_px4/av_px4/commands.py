@@ -16,7 +16,7 @@ RELEASE = -3.0             # as system and component of 1001: give up control
 
 @dataclass(frozen=True)
 class Command:
-    """A `VehicleCommand`. Raises ValueError for a number that is not ALLOWED, or another count of parameters than 7.
+    """A `VehicleCommand`. Raises ValueError for a number that is not ALLOWED.
 
     Parameters:
         command: number of the MAVLink command
@@ -29,8 +29,6 @@ class Command:
     def __post_init__(self) -> None:
         if self.command not in ALLOWED:
             raise ValueError(f'command is {self.command}, allowed are {sorted(ALLOWED)}')
-        if len(self.params) != 7:
-            raise ValueError(f'params has {len(self.params)} values, expected 7')
 
 
 def configure(system: float, component: float) -> Command:
