@@ -16,7 +16,6 @@ from av_common.files import MEGABYTE
 
 MOST_BYTES = 500 * MEGABYTE    # of a chunk or a message; that of a camera has a few
 MOST_EXPANSION = 100           # of a compressed file, for its size
-PIECE_BYTES = MEGABYTE
 SCHEMAS = ('ros2msg', 'ros2idl', 'omgidl')    # encodings that rosbags knows
 _zstd = storage_mcap.zstd      # of the standard library, or its backport
 
@@ -73,7 +72,7 @@ def expand(path: Path, copy: Path) -> str:
     with _zstd.open(path, 'rb') as content, copy.open('wb') as out:
         while True:
             try:
-                data = content.read(PIECE_BYTES)
+                data = content.read(MEGABYTE)
             except Exception as error:  # noqa: BLE001  the library's own
                 return f'{path.name} breaks off after {out.tell()} bytes ({error})'
             left -= len(data)

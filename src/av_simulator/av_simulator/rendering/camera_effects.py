@@ -28,6 +28,7 @@ HORIZON_COLDER_K, SKY_COLDER_K = 6.0, 25.0  # K, air relative to a clear sky abo
 FOG_SHARE = 0.7          # ratio of fog's extinction in the thermal infrared to that of visible light
 REMOVED = 0.9            # share of the mean all around that the electronics take out: real skies are darkest at the horizon
 COUNTS_PER_K = 100.0     # raw counts are hundredths of a kelvin from absolute zero, as radiometric cameras give them
+SKY_DISTANCE = 3000.0    # m, length of the path through fog to the sky
 AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)  # colour of thick fog by day: blue, green, red
 
 # An uncooled microbolometer of 12 um pixels behind a lens of f/1.

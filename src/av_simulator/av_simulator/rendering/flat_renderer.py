@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
-from av_simulator.rendering.camera_effects import AIRLIGHT, CameraEffects
+from av_simulator.rendering.camera_effects import AIRLIGHT, SKY_DISTANCE, CameraEffects
 from av_simulator.rendering.oracle import Oracle
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import Drone, RenderedImage, View, rotor_hubs
@@ -19,7 +19,6 @@ from av_simulator.rendering.view import Drone, RenderedImage, View, rotor_hubs
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0], np.float32), np.array([225.0, 215.0, 205.0], np.float32)
 _GROUND = np.array([60.0, 95.0, 85.0], np.float32)
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
-_SKY_DISTANCE = 1500.0  # m, length of the path through fog to the sky
 _COARSE = 2            # sky and ground are smooth and therefore drawn at half the resolution
 _NEAREST = 0.1         # m, depth below which nothing is drawn
 _SUBPIXEL = 4          # fractional bits of OpenCV's coordinates
@@ -73,7 +72,7 @@ class FlatRenderer:
     def _background(self, view: View) -> NDArray:
         upward = self._rays @ view.rotation[2].astype(np.float32)
         sky = upward > -1e-3
-        distance = np.where(sky, np.float32(_SKY_DISTANCE), np.float32(view.position[2]) / np.maximum(-upward, 1e-3))
+        distance = np.where(sky, np.float32(SKY_DISTANCE), np.float32(view.position[2]) / np.maximum(-upward, 1e-3))
         clear = np.exp(-np.float32(view.atmosphere.fog) * distance)[..., np.newaxis]
         above = _HORIZON + (_ZENITH - _HORIZON) * np.clip(2.0 * upward, 0.0, 1.0)[..., np.newaxis]
         seen = AIRLIGHT + clear * (np.where(sky[..., np.newaxis], above, _GROUND) - AIRLIGHT)

@@ -24,6 +24,7 @@ from av_simulator.rendering.camera_effects import (
     BODY_WARMER_K,
     GROUND_WARMER_K,
     MOTOR_WARMER_K,
+    SKY_DISTANCE,
     TEXTURE_K,
     CameraEffects,
     ThermalCamera,
@@ -39,7 +40,6 @@ _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
 HORIZON = 1000.0                # m, depth beyond which a pixel belongs to the sky
 Window = tuple[slice, slice]    # rows and columns of an image
 _ALL = (slice(None), slice(None))
-SKY_DISTANCE = 3000.0                                     # m, length of the path through fog to the sky
 SAMPLES = 4    # per pixel along rows and along columns, of the temperatures of drones
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from av_common.config_reader import bounded
-from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, Wander, filtered, spl_to_pascal, white_noise
+from av_simulator.sound.stream import CHUNK, LEVEL_S, SIGNAL_CHUNKS, Stream, Wander, filtered, spl_to_pascal, white_noise
 from av_simulator.trajectories import Position
 
 # Formants (Hz) of vowels, a male voice (Peterson and Barney, 1952).
@@ -18,7 +18,6 @@ _VOWELS_HZ = np.array([(730.0, 1090.0, 2440.0), (530.0, 1840.0, 2480.0), (270.0,
                        (570.0, 840.0, 2410.0), (300.0, 870.0, 2240.0), (660.0, 1720.0, 2410.0)])
 _FORMANT_WIDTH_HZ = np.array([80.0, 120.0, 180.0])  # of each formant
 _SYLLABLES_HZ = 4.0  # a second
-_LEVEL_S = 4.0  # of the start of a signal, over which its level is measured
 
 Shape = Callable[[NDArray], NDArray]  # times (s, (k,)) -> pressures of any level (k,)
 
@@ -186,7 +185,7 @@ def _mixed(sample_rate: int, key: Sequence[int], tone: Shape, level_db_spl: floa
     """
     taps = firwin(255, [band_hz[0], min(band_hz[1], 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
     hiss = filtered(white_noise(key), taps / np.sqrt(np.sum(taps**2)))
-    start = np.arange(int(_LEVEL_S * sample_rate)) / sample_rate
+    start = np.arange(int(LEVEL_S * sample_rate)) / sample_rate
     swelling = swell or np.ones_like
     tone_rms, swell_rms = (max(float(np.sqrt(np.mean(shape(start) ** 2))), 1e-9) for shape in (tone, swelling))
     tone_gain = spl_to_pascal(level_db_spl) * np.sqrt(1.0 - noise) / tone_rms

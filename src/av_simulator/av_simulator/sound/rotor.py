@@ -17,7 +17,6 @@ from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, Wander, db_t
 from av_simulator.trajectories import Position, acceleration
 
 _TABLE = 8192  # points of a waveform table, for one revolution of a rotor
-_MILESTONE = 256  # interval (chunks) of the rotor angles that are kept permanently
 _STEPS = 128  # steps of the integration of the rotor speeds in a chunk
 _FASTEST = 1.6  # maximum speed relative to rotor_hz without aliasing of harmonics
 
@@ -146,7 +145,7 @@ class _Turns:
             turned = self._integrate(min(passed, passed + way))[2][-1]
             self._at_start[passed + way] = self._at_start[passed] + way * turned
             forgotten = passed - way * SIGNAL_CHUNKS
-            if forgotten % _MILESTONE:
+            if forgotten % SIGNAL_CHUNKS:    # one in so many stays, to begin from
                 self._at_start.pop(forgotten, None)
         return self._at_start[index]
 

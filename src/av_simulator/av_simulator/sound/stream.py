@@ -14,7 +14,7 @@ from scipy.signal import oaconvolve
 
 CHUNK = 4096        # samples
 SIGNAL_CHUNKS = 64  # number of cached chunks of a signal: 5 s at 48 kHz, more than the delay over 1.5 km
-BAND_POWER_S = 4.0  # of the start of a stream, from which its power is taken
+LEVEL_S = 4.0       # of the start of a signal, from which its level is taken
 REFERENCE_PA = 20e-6  # of sound pressure levels
 _TERMS = 24           # sines of a slow random variation
 
@@ -81,7 +81,7 @@ def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float])
         sample_rate (Hz): sample rate.
         band_hz (Hz): lower and upper end of the band.
     """
-    samples = stream.read(0, int(BAND_POWER_S * sample_rate))
+    samples = stream.read(0, int(LEVEL_S * sample_rate))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
     frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)
     inside = (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
