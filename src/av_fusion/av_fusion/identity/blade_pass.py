@@ -48,7 +48,9 @@ class BladePassFrequency:
         """Predict by `seconds`."""
         if self._measured and seconds > 0.0:
             kept = math.exp(-seconds / FORGOTTEN_S)
-            spread = smoothed(self._density, math.sqrt(DIFFUSION * seconds) / STEP)
+            sigma = math.sqrt(DIFFUSION * seconds) / STEP
+            reach = min(round(4.0 * sigma), len(GRID) // 2)
+            spread = np.convolve(self._density, np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), 'same')
             self._density = kept * spread / np.add.reduce(spread) + (1.0 - kept) / len(GRID)
 
     def fits(self, likelihoods: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,32 +79,8 @@ class BladePassFrequency:
         """
         if not types or not self._measured:
             return ''
-        shares = self.type_probabilities(types)
-        best = max(shares, key=shares.__getitem__)
-        return best if shares[best] >= LEAST_TYPE else ''
-
-    def type_probabilities(self, types: Mapping[str, float]) -> dict[str, float]:
-        """Probability of each type, all of which, and that it is another one, are equally probable before.
-
-        Parameters:
-            types: see `type_of`.
-        """
-        width = len(GRID) * STEP
-        weights = {name: width * float(self._density @ np.exp(-0.5 * ((GRID - math.log(hz)) / TYPE_SIGMA) ** 2)
-                                       / (math.sqrt(math.tau) * TYPE_SIGMA)) for name, hz in types.items()}
-        total = 1.0 + sum(weights.values())
-        return {name: weight / total for name, weight in weights.items()}
-
-
-def smoothed(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Values (n,) convolved with a Gaussian, as by `scipy.ndimage.gaussian_filter1d`.
-
-    The import of scipy takes a quarter of a node's start.
-
-    Parameters:
-        values: continued beyond their ends by the last ones.
-        sigma: standard deviation of the Gaussian in samples, above 0.
-    """
-    reach = round(4.0 * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    return np.convolve(np.pad(values, reach, mode='edge'), kernel / kernel.sum(), mode='valid')
+        width = len(GRID) * STEP  # all types, and that it is another one, are equally probable before
+        odds = {name: width * float(self._density @ np.exp(-0.5 * ((GRID - math.log(hz)) / TYPE_SIGMA) ** 2)
+                                    / (math.sqrt(math.tau) * TYPE_SIGMA)) for name, hz in types.items()}
+        best = max(odds, key=odds.__getitem__)
+        return best if odds[best] >= LEAST_TYPE * (1.0 + sum(odds.values())) else ''
