@@ -165,7 +165,7 @@ class MultiTargetTracker:
         followed = next((target for target in found if target.id == chosen), None)
         if followed is None:
             return self._without_target(time, found)
-        state = self.machine.step(time, True, heard=tracks[chosen].heard)
+        state = self.machine.step(time, True, heard=followed.heard)
         if self.looks is not None and state == State.VISUAL_ACTIVE:
             self.looks.cancel()
         source = Source.NOTHING if state == State.COASTING else followed.track.source
@@ -203,7 +203,7 @@ class MultiTargetTracker:
         """See `PlainTracker`."""
         if identifier and all(target.id != identifier for target in self._targets.targets):
             raise ValueError(f'target {identifier} is not tracked')
-        self._selection.want(identifier)
+        self._selection.wanted = identifier
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `PlainTracker`."""

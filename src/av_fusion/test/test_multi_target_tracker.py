@@ -122,7 +122,7 @@ def test_of_two_targets_the_likelier_drone_is_followed_unless_one_is_wanted():
     assert selection.choose(targets(0.6, 0.65)) == 1
     assert selection.choose(targets(0.6, 0.9)) == 2
     assert selection.choose(targets(0.4, 0.45)) == 0
-    selection.want(1)
+    selection.wanted = 1
     assert selection.choose(targets(0.4, 0.95)) == 1
 
 

@@ -53,10 +53,6 @@ class Selection:
         self._small, self.threshold = POLICIES[policy], threshold
         self._followed = self.wanted = 0
 
-    def want(self, identifier: int) -> None:
-        """Follow the target with this id while it is tracked; 0: by the policy."""
-        self.wanted = identifier
-
     def is_followed(self, target: Target) -> bool:
         """Whether a target is one to follow."""
         return not target.drone_probability < self.threshold
