@@ -28,7 +28,7 @@ from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
 from av_fusion.measurement.measurements import usable_doas
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
-from av_fusion.withheld import as_predictions, contradicted
+from av_fusion.withheld import as_predictions
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -323,7 +323,8 @@ class FusionStage:
             track = belief.of(track)
             targets = targets._replace(targets=tuple([one._replace(track=belief.of(one.track)) for one in targets.targets]))
             if fault is not None and fault.is_certain:
-                track, targets = contradicted(track, targets, fault)
+                reason = f'the rig is not as described: {fault.text}'
+                track, targets = as_predictions(track, targets, reason, sides=False)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = BASE_FRAME

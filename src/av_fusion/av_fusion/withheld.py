@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from av_common.track import Source, State, Targets, Track
-from av_fusion.consistency.events import Fault
 
 
-def as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track, Targets]:
+def as_predictions(track: Track, targets: Targets, reason: str, sides: bool = True) -> tuple[Track, Targets]:
     """The estimates as predictions, on which nothing moves, for a reason: one of several publishers may be a forger.
 
     They state no measurement, as what comes by the other inputs is judged together with what the forger's left behind.
@@ -15,23 +14,14 @@ def as_predictions(track: Track, targets: Targets, reason: str) -> tuple[Track, 
         track: what is followed.
         targets: all targets.
         reason: what is published as such.
+        sides: whether front and back may be told: not by a rig that is certainly not as described.
     """
     state = State.NONE if track.state == State.NONE else State.COASTING
-    predicted = track._replace(state=state, source=Source.NOTHING, measured=0.0, reason=reason, requested_rotation=0.0,
-                               look=None)
+    predicted = _unmeasured(track, sides)._replace(state=state, reason=reason, requested_rotation=0.0, look=None,
+                                                   front_probability=track.front_probability if sides else 0.5)
     return predicted, targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
+        [target._replace(track=_unmeasured(target.track, sides)) for target in targets.targets]))
 
 
-def contradicted(track: Track, targets: Targets, fault: Fault) -> tuple[Track, Targets]:
-    """The estimates of a rig that is certainly not as described: nothing moves on them.
-
-    Parameters:
-        track: what is followed.
-        targets: all targets.
-        fault: what is wrong.
-    """
-    uncertain = track._replace(front_probability=0.5, resolved=False)
-    unresolved = targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(resolved=False)) for target in targets.targets]))
-    return as_predictions(uncertain, unresolved, f'the rig is not as described: {fault.text}')
+def _unmeasured(track: Track, sides: bool) -> Track:
+    return track._replace(source=Source.NOTHING, measured=0.0, resolved=track.resolved and sides)
