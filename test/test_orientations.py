@@ -14,7 +14,6 @@ from av_common.gimbal_history import sample_of
 from av_common.rig import load_rig
 from av_common.stamps import to_stamp
 from av_fusion.measurement.converter import pose_of
-from av_fusion.measurement.rig_motion import Pose
 from av_interfaces.msg import GimbalState
 from av_pointing.gimbal_stage import GimbalStage
 from av_px4.frames import pose_from_px4
@@ -39,7 +38,7 @@ def gimbal_state(q):
 
 
 DECIDED = {
-    'pose_of': lambda q: pose_of(odometry(q)), 'Pose': lambda q: Pose(START, q).is_plausible or None,
+    'pose_of': lambda q: pose_of(odometry(q)),
     'GimbalStage': lambda q: GimbalStage(load_rig(find_config('rig_gimbal'))).on_odometry(odometry(q), START) or True,
     'sample_of': lambda q: sample_of(gimbal_state(q)), 'vehicle_state': lambda q: vehicle_state(odometry(q)),
     'decode_gimbal': lambda q: decode_gimbal(encode_gimbal(GimbalSample(0, 1.0, np.array(q), 0.1))),

@@ -18,7 +18,7 @@ from av_common.stamps import to_seconds
 from av_common.track import DRONE
 from av_fusion.measurement.geometry import detections_in_body, doa_in_body
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, usable_camera
-from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
+from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import ZERO, Vector, rows_of
 from av_interfaces.msg import DoaArray
 from av_vision.detections import suppress
@@ -27,6 +27,7 @@ from av_vision.detections import suppress
 RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 MOST_BOXES = 200    # of an image: four times as many as detector_node reports
 MOST_CLASSES = 100    # whose names are kept
+SPEED_LIMIT, RATE_LIMIT = 300.0, 100.0  # m/s, rad/s; larger values are errors of the sender
 
 
 def fixed_rotations(rotations: Mapping[str, NDArray[np.float64]]) -> RotationOf:

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from av_common.frames import is_orientation, yaw_of
+from av_common.frames import yaw_of
 from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, product, quaternion_of, rotation, vector_of
 from av_common.timeline import Timeline
-from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, turned
+from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, heading, turned
 
 KEPT_S = 5.0  # length of the history
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
-LEVELLING_S = 1.0  # time constant with which a tilt that is no longer known returns to level
 LARGEST_GAP_S = 0.5  # between two poses that are compared: over longer gaps nothing is known of the motion
 JUMP_RAD, ANGULAR_ACCELERATION = math.radians(10.0), 20.0  # of a rotation beyond the rates (rad, rad/s^2) that is a jump
 JUMP_M, ACCELERATION = 1.0, 30.0  # of a displacement beyond the velocity (m, m/s^2) that is a jump
-SPEED_LIMIT, RATE_LIMIT = 300.0, 100.0  # m/s, rad/s; larger values are errors of the sender
 FROZEN_RAD, FROZEN_SHARE = math.radians(10.0), 0.2  # rotation by the rates, of which a live attitude shows more than this share
 NOTICED_S = 5.0  # for which a jump is reported
 
@@ -44,14 +42,6 @@ class Pose(NamedTuple):
         """A level rig that stands at the origin, at `yaw` (rad) and turning at `yaw_rate` (rad/s)."""
         return cls(time, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)), (0.0, 0.0, yaw_rate))
 
-    @property
-    def is_plausible(self) -> bool:
-        """Whether it can be used: finite values within physical limits, and a unit quaternion."""
-        return (math.isfinite(self.time) and is_orientation(self.attitude)
-                and all(abs(value) <= RATE_LIMIT for value in self.rate)
-                and all(abs(value) <= SPEED_LIMIT for value in self.velocity)
-                and (self.position is None or all(map(math.isfinite, self.position))))
-
 
 class _Stored(NamedTuple):
     """A pose in the history; rate (rad/s), velocity (m/s) and path (m) in the world."""
@@ -65,9 +55,10 @@ class _Stored(NamedTuple):
 class RigMotion:
     """Interpolates attitude and path between recent poses; without poses the rig counts as level, facing east, at rest.
 
-    Poses must arrive in order of time: a late one is ignored, so that the history stays sorted. After a jump back by more than
-    the history's length, such as a restarted bag, it is emptied. The path is the integral of the velocity, so that jumps of the
-    position do not move the rig. Velocities that the sender does not fill in are taken from its positions.
+    Poses are plausible (`pose_of`), and arrive in order of time: a late one is ignored, so that the history stays sorted. After
+    a jump back by more than the history's length, such as a restarted bag, it is emptied. The path is the integral of the
+    velocity, so that jumps of the position do not move the rig. Velocities that the sender does not fill in are taken from its
+    positions.
 
     Where the attitude jumps although the rates do not show it, the estimator has corrected itself: the history is turned into
     the corrected world, and `add` returns that rotation; likewise with the first pose.
@@ -93,19 +84,14 @@ class RigMotion:
         self._jumped, self._jump = -math.inf, ''
 
     def add(self, pose: Pose) -> Rows | None:
-        """Add a pose; one that is not plausible is ignored.
+        """Add a pose.
 
         Returns the rotation of the world where the attitude jumped or became known, else None.
         """
-        if not pose.is_plausible:
-            return None
         if pose.time <= self.newest:
             if pose.time > self.newest - KEPT_S:
                 return None
             self._poses.clear()
-        norm = math.hypot(*pose.attitude)
-        w, x, y, z = pose.attitude
-        pose = pose._replace(attitude=(w / norm, x / norm, y / norm, z / norm))
         rows = rotation(pose.attitude)
         rate, velocity, path = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO
         jump = rows if self.newest == -math.inf else None  # until the first pose the rig counted as level, facing east
@@ -194,7 +180,7 @@ class RigMotion:
         """Rotation from the body to the world at `time` (s).
 
         It is interpolated, and beyond the newest pose extrapolated until the next one is due, at least for EXTRAPOLATE_S. After
-        KNOWN_S the rig returns to level.
+        KNOWN_S the rig counts as level.
         """
         if not self._poses.entries:
             return IDENTITY
@@ -204,12 +190,7 @@ class RigMotion:
             return rotation(between(first.attitude, second.attitude, share))
         turn = combined(min(ahead, max(EXTRAPOLATE_S, min(self._interval, KNOWN_S))), second.rate, 0.0, ZERO)
         attitude = product(quaternion_of(turn), second.attitude)
-        unknown = ahead - KNOWN_S
-        if unknown > 0.0:
-            half = 0.5 * yaw_of(attitude)
-            level = (math.cos(half), 0.0, 0.0, math.sin(half))
-            attitude = between(attitude, level, 1.0 - math.exp(-unknown / LEVELLING_S))
-        return rotation(attitude)
+        return heading(yaw_of(attitude)) if ahead > KNOWN_S else rotation(attitude)
 
     def yaw(self, time: float) -> float:
         """Heading (rad) at `time` (s): azimuth of the body's x axis in the world."""
