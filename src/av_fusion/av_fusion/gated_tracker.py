@@ -14,22 +14,15 @@ from typing import Any, ClassVar, NamedTuple
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
 from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner
-from av_fusion.measurement.measurements import (
-    CameraMeasurement,
-    Detection,
-    DoaMeasurement,
-    Hypothesis,
-)
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.measurement.vectors import angles, direction, turned, turned_back
+from av_fusion.measurement.vectors import ZERO, angles, direction, turned, turned_back
 from av_fusion.plain_tracker import FORGET_S, PlainTracker
 from av_fusion.state_machine import StateMachine
-from av_fusion.tracks.past_state import share_within
 
 ROTATION = math.radians(45.0)  # that is requested
 LEAST_TURN = math.radians(40.0)  # after which candidates are compared: the rig does not complete the rotation
 RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
-PREDICTION_RATE = 0.3  # rad/s, standard deviation of the target's azimuth rate, by which the variance of a prediction grows
 
 
 class _Stored(NamedTuple):
@@ -60,12 +53,10 @@ class GatedTracker(PlainTracker):
 
     def restart(self) -> None:
         """Forget the target."""
-        self._detection: tuple[float, Detection] | None = None
-        self._direction: tuple[float, Hypothesis] | None = None
+        self._used: dict[Source, Hypothesis | Detection] = {}  # the newest of each sensor
         self._unambiguous: tuple[float, float] | None = None  # time and world azimuth of the last unambiguous bearing
         self._stored: _Stored | None = None
-        self._candidates: list[Candidate] = []
-        self._axis = 0.5 * math.pi
+        self._images = 0  # mirror images of what was heard last
         self._visibility = math.nan
 
     def reset(self) -> None:
@@ -83,39 +74,32 @@ class GatedTracker(PlainTracker):
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `PlainTracker`; only the detection of highest score is used."""
         time, best = measurement.time - self._sight_delay, measurement.best
-        if self._detection is not None and time < self._detection[0]:
+        if time < self._newest[Source.SIGHT]:
             return  # late: a newer one is known
         self._visibility = measurement.visibility
         self.machine.on_image(time, best.score if best else 0.0, measurement.camera)
         if best and best.score >= self.machine.tau:
-            self._detection, self._newest[Source.SIGHT] = (time, best), time
+            self._used[Source.SIGHT], self._newest[Source.SIGHT] = best, time
             self._unambiguous = (time, self._world_azimuth(time, best))
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `PlainTracker`."""
+        """See `PlainTracker`; one of the mirror images is chosen."""
         for measurement in measurements[:1]:  # that of the strongest source: the publication has one
-            self.add_doa(measurement)
-
-    def add_doa(self, measurement: DoaMeasurement) -> None:
-        """Use one direction of arrival; one of the mirror images is chosen."""
-        time, images = measurement.time - self._sound_delay, measurement.hypotheses
-        if self._direction is not None and time < self._direction[0]:
-            return
-        yaw = self.motion.yaw(time)
-        self._candidates = [Candidate(h.azimuth, h.across_variance, 0.0, 0.0, 1.0 / len(images)) for h in images]
-        self._axis = images[0].azimuth + 0.5 * float(wrap(images[-1].azimuth - images[0].azimuth))
-        world = [self._world_azimuth(time, h) for h in images]
-        if len(images) == 1:
-            self._unambiguous = (time, world[0])
-        elif not self._is_resolved(time):
-            self._unambiguous = self._compare_after_turn(time, yaw, world)
-        chosen = 0
-        if self._unambiguous is not None:
-            known = self._unambiguous[1]
-            chosen = min(range(len(world)), key=lambda k: abs(float(wrap(world[k] - known))))
-            self._unambiguous = (time, world[chosen])
-        self._direction, self._newest[Source.SOUND] = (time, images[chosen]), time
-        self.machine.on_doa(time, measurement.confidence)
+            time, images = measurement.time - self._sound_delay, measurement.hypotheses
+            if time < self._newest[Source.SOUND]:
+                return
+            self._images, world = len(images), [self._world_azimuth(time, image) for image in images]
+            if len(images) == 1:
+                self._unambiguous = (time, world[0])
+            elif not self._is_resolved(time):
+                self._unambiguous = self._compare_after_turn(time, self.motion.yaw(time), world)
+            chosen = 0
+            if self._unambiguous is not None:
+                known = self._unambiguous[1]
+                chosen = min(range(len(world)), key=lambda k: abs(wrap(world[k] - known)))
+                self._unambiguous = (time, world[chosen])
+            self._used[Source.SOUND], self._newest[Source.SOUND] = images[chosen], time
+            self.machine.on_doa(time, measurement.confidence)
 
     def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
         return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
@@ -128,35 +112,28 @@ class GatedTracker(PlainTracker):
 
     def estimate(self, time: float) -> Track:
         """See `PlainTracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
-        machine = self.machine
-        state = machine.step(time, time - max(self._newest.values()) < FORGET_S)
+        machine, newest = self.machine, max(self._newest, key=self._newest.__getitem__)
+        state = machine.step(time, time - self._newest[newest] < FORGET_S)
         track = Track(time=time, state=state, reason=machine.reason, changed=machine.changed,
                       sound_confidence=machine.sound_confidence, sight_confidence=machine.sight_confidence,
                       visibility=self._visibility)
-        seen_last = self._newest[Source.SIGHT] > self._newest[Source.SOUND]
-        by_sight = state == State.VISUAL_ACTIVE or (state == State.COASTING and seen_last)
-        entry = self._detection if by_sight else self._direction
-        if state == State.NONE or entry is None:
+        leading = {State.VISUAL_ACTIVE: Source.SIGHT, State.ACOUSTIC_ACTIVE: Source.SOUND}.get(state, newest)
+        if state == State.NONE or leading not in self._used:
             return track
-        measured, found = entry
+        measured, found = self._newest[leading], self._used[leading]
         world = turned(self.motion.attitude(measured), direction(found.azimuth, found.elevation))
         azimuth, elevation = angles(turned_back(self.motion.attitude(time), world))
         azimuth_world, elevation_world = angles(world)
         resolved, rotation = self._resolve(time, self.motion.yaw(time))
-        coasting = state == State.COASTING
-        variance = found.across_variance + ((PREDICTION_RATE * (time - measured)) ** 2 if coasting else 0.0)
         probability = RESOLVED_PROBABILITY if resolved else 0.5
-        if coasting:
-            front = share_within(0.5 * math.pi, azimuth, variance)
-            probability = min(probability, max(front, 1.0 - front))
+        source = Source.NOTHING if state == State.COASTING else leading
         return track._replace(
-            source=Source.NOTHING if coasting else Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
-            azimuth_variance=variance, elevation=elevation, elevation_variance=found.elevation_variance,
-            azimuth_world=azimuth_world, elevation_world=elevation_world, attitude_known=self.motion.is_known(time),
-            covariance_world=(variance, 0.0, 0.0, found.elevation_variance), measured=measured,
+            source=source, azimuth=azimuth, azimuth_variance=found.across_variance, elevation=elevation,
+            elevation_variance=found.elevation_variance, azimuth_world=azimuth_world, elevation_world=elevation_world,
+            attitude_known=self.motion.is_known(time), measured=measured,
+            covariance_world=(found.across_variance, 0.0, 0.0, found.elevation_variance),
             front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability, resolved=resolved,
-            requested_rotation=rotation, sound_weight=float(not (by_sight or coasting)),
-            sight_weight=float(by_sight and not coasting))
+            requested_rotation=rotation, sound_weight=float(source == Source.SOUND), sight_weight=float(source == Source.SIGHT))
 
     def diagnostics(self) -> dict[str, str]:
         """See `PlainTracker`."""
@@ -171,9 +148,8 @@ class GatedTracker(PlainTracker):
         if self._is_resolved(time):
             self.planner.cancel()
             return True, 0.0
-        return False, self.planner.plan(time, yaw, lambda: [self._candidates],
-                                        (math.cos(self._axis), math.sin(self._axis), 0.0), NO_CAMERA,
-                                        RESOLVED_PROBABILITY)
+        either = [Candidate(0.0, 0.0, 0.0, 0.0, 0.5)] * self._images  # the rotation is the same for all
+        return False, self.planner.plan(time, yaw, lambda: [either], ZERO, NO_CAMERA, RESOLVED_PROBABILITY)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""
