@@ -10,7 +10,7 @@ import pytest
 from av_fusion.measurement.measurements import CameraMeasurement
 from av_fusion.measurement.vectors import IDENTITY
 from av_fusion.tracks.component import GaussianComponent
-from av_fusion.tracks.sight import Extent, Image, compare, truncated
+from av_fusion.tracks.sight import Image, compare
 from av_fusion.tracks.track import _update_by_image
 
 
@@ -20,9 +20,10 @@ def test_moments_are_those_of_what_is_left(mean_deg, seen):
     covariance = np.diag([0.01, math.radians(12.0) ** 2, 0.01, 0.01, 0.001])
     past = GaussianComponent(1.0, 0.3, math.radians(mean_deg), np.ones(1), np.zeros((1, 5)), covariance[None]).at()
     half, angle = math.radians(27.0), math.radians(mean_deg)
-    shift, change = truncated(Extent(angle, (0.0, 1.0), half), past, seen)
+    left, shift, change = past.beyond(angle, (0.0, 1.0), ((1.0, half), (-1.0, -half)), seen)
     grid = np.linspace(angle - 1.5, angle + 1.5, 60001)
     density = np.exp(-0.5 * (grid - angle) ** 2 / covariance[1, 1]) * (1.0 - seen * (np.abs(grid) < half))
+    assert left[0] == pytest.approx(density.sum() / np.exp(-0.5 * (grid - angle) ** 2 / covariance[1, 1]).sum(), rel=1e-3)
     density /= density.sum()
     mean = float(density @ grid)
     variance = float(density @ (grid - mean) ** 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import remainder, tau
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.evidence import Evidence
 from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
 from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState, Row, share_within
+from av_fusion.tracks.settings import FilterSettings
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
@@ -32,6 +33,11 @@ SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), i
 _IDENTITY = np.identity(SIZE)
 NOT_HIDDEN = (0.0, -math.inf)  # at no time
 LEAST_HIDDEN = 1e-6  # probability, so that an image without the target is possible by any settings
+
+
+def no_evidence() -> deque[Evidence]:
+    """What is associated with a component before any measurement."""
+    return deque(maxlen=MOST_EVIDENCE)
 
 
 class BodyDirection(NamedTuple):
@@ -91,7 +97,28 @@ class GaussianComponent:
     p_unheard: float = 0.0
     newest_doa: float = -math.inf
     newest_sighting: float = -math.inf
-    evidence: deque[Evidence] = field(default_factory=lambda: deque(maxlen=MOST_EVIDENCE), repr=False)
+    evidence: deque[Evidence] = field(default_factory=no_evidence, repr=False)
+
+    @classmethod
+    def born(cls, share: float, azimuth: float, elevation: float, covariance: tuple[float, float, float],
+             settings: FilterSettings, usual: Elevation | None = None) -> GaussianComponent:
+        """A component at a measured direction.
+
+        Parameters:
+            share: its weight.
+            azimuth, elevation (rad): the direction in the world.
+            covariance (rad^2): variance across, covariance, and variance up.
+            settings: of targets.
+            usual: distribution to which the elevation returns, where that was not measured; None where it was.
+        """
+        model, rate_variance, level = settings.model, settings.rate_sigma**2, math.cos(elevation) ** 2
+        up_rate_variance = level * float(model.shares @ model.climb_rates**2) + (1.0 - level) * rate_variance
+        hh, hv, vv = covariance
+        state = np.diag((hh, vv, rate_variance, up_rate_variance, model.usual_inverse_range**2))
+        state[0, 1] = state[1, 0] = hv
+        return cls(share, azimuth, elevation, model.shares, np.zeros((len(model.shares), SIZE)),
+                   np.array([state] * len(model.shares)), inverse_range=model.usual_inverse_range,
+                   elevation_measured=usual is None, usual=usual or model.elevations[0])
 
     @property
     def measured(self) -> float:
@@ -182,17 +209,6 @@ class GaussianComponent:
             covariances[:, k + 2, k + 2] += density * dt
         covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
         covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
-
-    def predicted(self, ahead: float, model: MotionModel, moving: bool, moved: Vector, turn: Rows) -> GaussianComponent:
-        """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
-
-        Parameters:
-            ahead (s): time of the copy minus time of the component.
-            model, moving, moved, turn: see `predict`.
-        """
-        copy = replace(self)
-        copy.predict(ahead, model, moving, moved, turn)
-        return copy
 
     def at(self, lag: Lag = NOW) -> PastState:
         """The direction at the time of a measurement that is earlier by a lag."""

@@ -25,18 +25,12 @@ def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]
     beside, row = past.beside(axis)
     if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the axis
         return [component]
-    sigmas = np.sqrt(past.variances(row))
-    starts, gains = (beside + past.deviations(row)) / sigmas, past.gains @ np.array(row) / sigmas[:, None]
     parts = []
     for side in (1.0, -1.0):
-        inside = np.array([0.5 * math.erfc(-side * start / math.sqrt(2.0)) for start in starts.tolist()]) + 1e-12
-        pulls = np.exp(-0.5 * starts**2) / math.sqrt(2.0 * math.pi) / inside
-        change = -pulls * (pulls + side * starts)
-        part = replace(component, weight=component.weight * float(component.modes @ inside), evidence=component.evidence.copy())
-        part.covariances = part.covariances + gains[:, :, None] * gains[:, None, :] * change[:, None, None]
-        part.offsets = part.offsets + side * gains * pulls[:, None]
-        part.weigh_modes(inside)
-        part.recentre()
+        left, shifts, changes = past.beyond(beside, row, ((side, 0.0),), 1.0 - 1e-12)
+        part = replace(component, weight=component.weight * float(component.modes @ left), evidence=component.evidence.copy())
+        part.weigh_modes(left)
+        part.update_moments(past, row, shifts, changes)
         parts.append(part)
     return parts
 

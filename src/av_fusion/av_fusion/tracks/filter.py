@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,8 +19,8 @@ from av_fusion.measurement.vectors import Rows
 from av_fusion.tracks.association import associate
 from av_fusion.tracks.component import ASSOCIATED
 from av_fusion.tracks.component_merging import are_mergeable
-from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, births_of, hear
-from av_fusion.tracks.mixture import BirthComponent
+from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, hear
+from av_fusion.tracks.likelihood import WorldCone, WorldDirections
 from av_fusion.tracks.past_state import Lag
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
@@ -83,7 +82,7 @@ class MultiBernoulliFilter:
         fraction = effective_sample_fraction(time, self.newest_doa, length)
         look = effective_sample_fraction(time, self.newest_doa, LOOK_S)
         elapsed = max(time - self.newest_doa, 0.0)
-        heard = [hear(time, one, fraction, self._settings, self._motion) for one in measurements]
+        heard = [hear(time, one, self._settings, self._motion) for one in measurements]
         axes = {one.end_fire for one in heard if one.end_fire is not None}
         places = [track.predict(time, axes) for track in self.tracks]
         for track in self.tracks:
@@ -118,7 +117,7 @@ class MultiBernoulliFilter:
             track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(np.add.reduce(row)))
         self._note_told_apart(shares)
         for j, existence in enumerate((fraction * new).tolist()):
-            begun = self._begin(time, heard[j].births, existence, OWN)
+            begun = self._begin(time, heard[j].source, existence, OWN)
             if begun is not None:
                 for component in begun.mixture.components:
                     component.newest_doa = time
@@ -164,7 +163,7 @@ class MultiBernoulliFilter:
             self._note_told_apart(shares)
             new = unclaimed * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
-                begun = self._begin(time, partial(births_of, [direction], settings), existence)
+                begun = self._begin(time, WorldDirections([direction]), existence)
                 if begun is not None:
                     for component in begun.mixture.components:
                         component.newest_sighting, component.hidden = time, {camera: (0.0, time)}
@@ -174,17 +173,16 @@ class MultiBernoulliFilter:
         self._detect(view_share * settings.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
-    def _begin(self, time: float, begin: Callable[[], list[BirthComponent]], existence: float, on_rig: float = 0.0
-               ) -> Track | None:
+    def _begin(self, time: float, source: WorldCone | WorldDirections, existence: float, on_rig: float = 0.0) -> Track | None:
         """Begin a track with a measurement that no track explains; None where it hardly is a target.
 
         Parameters:
             time (s): capture time of the measurement.
-            begin: gives the components that it may start.
+            source: the measurement in the world.
             existence: probability that it is a target.
             on_rig: probability that such a target turns with the rig.
         """
-        births = begin() if existence >= self._settings.least_existence else []
+        births = source.births(self._settings) if existence >= self._settings.least_existence else []
         if not births:
             return None
         self._newest_id += 1

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hypothesis
-from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, turned
+from av_fusion.measurement.vectors import Rows, Vector, angles, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
-from av_fusion.tracks.mixture import BirthComponent
+from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.motion import Elevation
 from av_fusion.tracks.past_state import PastState, Row
+from av_fusion.tracks.settings import FilterSettings
 
 
 class Deviation(NamedTuple):
@@ -83,6 +84,23 @@ class WorldDirection(NamedTuple):
         return (Deviation.of(past, across, across[0] * x + across[1] * y, self.across_variance),
                 Deviation.of(past, up, up[0] * x + up[1] * y, self.up_variance))
 
+    def birth(self, settings: FilterSettings) -> GaussianComponent:
+        """A component there, weighed by how common its elevation is.
+
+        Parameters:
+            settings: of targets; the commonest elevation is that of a direction without one.
+        """
+        azimuth, elevation = angles(self.vector)
+        across, variance, usual = self.across_variance, self.up_variance, None
+        if not self.is_known:
+            usual = settings.model.elevations[0]
+            elevation, variance, _ = usual
+        left, above = tangents(azimuth, elevation)
+        c, s = dot(self.left, left), dot(self.left, above)
+        up = s * s * across + c * c * variance
+        return GaussianComponent.born(settings.model.prior_of(elevation, up), azimuth, elevation,
+                                      (c * c * across + s * s * variance, c * s * (across - variance), up), settings, usual)
+
     def _beside(self, past: PastState) -> Deviation:
         """The deviation from the half of a great circle through the sensor's vertical, on which all elevations lie."""
         distance, row = past.above_plane(self.left)
@@ -98,12 +116,9 @@ class Comparison(NamedTuple):
     Parameters:
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
-        fits (k,): likelihood in each mode relative to that of a component that predicts the measured value without error and
-            variance, at most 1; of a detection, over that of a false one.
     """
 
     deviations: Sequence[Deviation]
-    fits: NDArray[np.float64]
     direction: WorldDirection | None = None
 
 
@@ -123,26 +138,23 @@ class WorldCone(NamedTuple):
     def compare(self, past: PastState) -> Comparison:
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
-        deviations = (Deviation(row, self.cosine - means, variances + self.variance, self.variance),)
-        return Comparison(deviations, fits_of(deviations))
+        return Comparison((Deviation(row, self.cosine - means, variances + self.variance, self.variance),))
 
-    def births(self, elevations: Sequence[Elevation]) -> list[BirthComponent]:
-        """Both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
+    def births(self, settings: FilterSettings) -> list[GaussianComponent]:
+        """Components at both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
 
-        None for an axis that is close to the vertical, whose cone meets all azimuths. Their shares are those of the elevations,
-        times the density of the cosine there, where all azimuths are equally likely.
+        None for an axis that is close to the vertical, whose cone meets all azimuths. Their weights are those of the
+        elevations, times the density of the cosine there, where all azimuths are equally likely.
 
         Parameters:
-            elevations: prior of elevations of targets.
+            settings: of targets.
         """
         if math.hypot(self.axis[0], self.axis[1]) < LEAST_LEVEL:
             return []
-        found = [image for usual in elevations for image in self._images(usual)]
-        total = sum([image.share for image in found])
-        return [image._replace(share=image.share / total) for image in found]
+        return normalised([image for usual in settings.model.elevations for image in self._images(usual, settings)])
 
-    def _images(self, usual: Elevation) -> list[BirthComponent]:
-        """Both images of about one elevation; their shares are not normalised."""
+    def _images(self, usual: Elevation, settings: FilterSettings) -> list[GaussianComponent]:
+        """Both images of about one elevation; their weights are not normalised."""
         x, y, z = self.axis
         level, variance = math.hypot(x, y), usual.variance
         climb, angle = math.asin(min(max(z, -1.0), 1.0)), math.acos(min(max(self.cosine, -1.0), 1.0))
@@ -158,9 +170,9 @@ class WorldCone(NamedTuple):
         images = []
         for side in (-1.0, 1.0):
             slope = -side * to_elevation / steepness  # of the azimuth by elevation
-            images.append(BirthComponent(math.remainder(azimuth + side * apart, math.tau), elevation,
-                                         (noise / steepness**2 + slope * slope * variance) * cosine**2,
-                                         slope * variance * cosine, variance, share, usual=usual))
+            across = (noise / steepness**2 + slope * slope * variance) * cosine**2
+            images.append(GaussianComponent.born(share, math.remainder(azimuth + side * apart, math.tau), elevation,
+                                                 (across, slope * variance * cosine, variance), settings, usual))
         return images
 
 
@@ -192,7 +204,7 @@ def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64],
     return means + past.deviations(row), np.maximum(square - means**2, 1e-12), row
 
 
-class DirectionLikelihood(NamedTuple):
+class WorldDirections(NamedTuple):
     """Alternative directions; each component is compared with the one that is nearest in any mode.
 
     Parameters:
@@ -203,21 +215,38 @@ class DirectionLikelihood(NamedTuple):
 
     def compare(self, past: PastState) -> Comparison:
         """See `WorldCone`."""
-        alternatives = [(direction.deviations(past), direction) for direction in self.directions]
-        deviations, nearest = min(alternatives, key=lambda pair: float(distances(pair[0]).min()))
-        return Comparison(deviations, fits_of(deviations), nearest)
+        alternatives = [Comparison(direction.deviations(past), direction) for direction in self.directions]
+        return min(alternatives, key=lambda one: float(distances(one.deviations).min()))
+
+    def births(self, settings: FilterSettings) -> list[GaussianComponent]:
+        """Components at the directions; of mirror images the one at the commoner elevation is the more likely.
+
+        Parameters:
+            settings: of targets.
+        """
+        return normalised([direction.birth(settings) for direction in self.directions])
 
 
-def fits_of(deviations: Sequence[Deviation], share: float = 1.0) -> NDArray[np.float64]:
-    """See `Comparison.fits` of a direction of arrival: densities by the first deviation, reduced by the others.
+def normalised(births: list[GaussianComponent]) -> list[GaussianComponent]:
+    """The components with weights that sum to one."""
+    total = sum([birth.weight for birth in births])
+    for birth in births:
+        birth.weight /= total
+    return births
+
+
+def fits_of(deviations: Sequence[Deviation], factor: float = 1.0) -> NDArray[np.float64]:
+    """Likelihood (k,) of a direction of arrival in each mode, by the first deviation, and reduced by the others.
+
+    It is relative to that of a component that predicts the measured value without error and variance: at most 1.
 
     Parameters:
         deviations: of the direction.
-        share: of the variances of its noise that counts.
+        factor: by which the variance of its noise is multiplied.
     """
-    squares = sum([one.innovations**2 / (one.totals - (1.0 - share) * one.noise) for one in deviations])
-    first = deviations[0]
-    return np.asarray(np.exp(-0.5 * squares) * np.sqrt(share * first.noise / (first.totals - (1.0 - share) * first.noise)))
+    squares = sum([one.innovations**2 / (one.totals + (factor - 1.0) * one.noise) for one in deviations])
+    first, noise = deviations[0], factor * deviations[0].noise
+    return np.asarray(np.exp(-0.5 * squares) * np.sqrt(noise / (first.totals - first.noise + noise)))
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:

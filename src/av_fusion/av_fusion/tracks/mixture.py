@@ -4,43 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from math import remainder, tau
 from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
 
 from av_fusion.measurement.vectors import Rows, Vector, dot, offset, tangents
-from av_fusion.tracks.component import SIZE, GaussianComponent
+from av_fusion.tracks.component import GaussianComponent, no_evidence
 from av_fusion.tracks.component_merging import are_mergeable, merge, split
-from av_fusion.tracks.motion import Elevation, MotionModel
+from av_fusion.tracks.motion import MotionModel
 
 AGREEING = math.radians(10.0)  # components closer together are one direction
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
 LEAST_WEIGHT = 1e-6  # least weight of a component
 LEAST_ABSENT = 1e-9  # no target is surer, so that it can still be given up
 _WEIGHT = attrgetter('weight')
-
-
-class BirthComponent(NamedTuple):
-    """A direction in the world that may start a component.
-
-    Parameters:
-        azimuth, elevation (rad): the direction.
-        hh, hv, vv (rad^2): its covariance across and up.
-        share: probability of this direction among the mirror images of its measurement.
-        elevation_measured: whether the elevation was measured.
-        usual: distribution to which the elevation returns.
-    """
-
-    azimuth: float
-    elevation: float
-    hh: float
-    hv: float
-    vv: float
-    share: float = 1.0
-    elevation_measured: bool = False
-    usual: Elevation | None = None
 
 
 class GaussianMixture:
@@ -52,23 +31,21 @@ class GaussianMixture:
         absent: probability that there is no such target.
 
     Parameters:
-        births: mirror images of the measurement.
+        births: mirror images of the measurement, with their probabilities among each other as weights.
         existence: probability that there is such a target.
         model: motion of targets.
-        rate_variance (rad^2/s^2): initial variance of the rate across, and up far from the horizon.
         on_rig: probability that it is fixed to the body. Its mirror images are one there, as none ever fits better.
     """
 
-    def __init__(self, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
-                 on_rig: float) -> None:
+    def __init__(self, births: Sequence[GaussianComponent], existence: float, model: MotionModel, on_rig: float) -> None:
         self.model, self.absent = model, 1.0 - existence
         self._primary: GaussianComponent | None = None
-        self.components = [_component_of(birth, existence * (1.0 - on_rig) * birth.share, model, rate_variance)
-                           for birth in births]
+        self.components = list(births)
         if on_rig > 0.0:
-            own = _component_of(max(births, key=lambda birth: birth.share), existence * on_rig, model, rate_variance)
-            own.on_rig = True
+            own = replace(max(births, key=_WEIGHT), weight=on_rig / (1.0 - on_rig), on_rig=True, evidence=no_evidence())
             self.components.append(own)
+        for component in self.components:
+            component.weight *= existence * (1.0 - on_rig)
         self.reduce()
 
     def predict(self, dt: float, moving: bool, kept: float, moved: Vector, turn: Rows) -> None:
@@ -177,13 +154,3 @@ class GaussianMixture:
                         math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
             agreeing += component.weight * (apart < AGREEING)
         return agreeing / total
-
-
-def _component_of(birth: BirthComponent, weight: float, model: MotionModel, rate_variance: float) -> GaussianComponent:
-    level = math.cos(birth.elevation) ** 2
-    up_rate_variance = level * float(model.shares @ model.climb_rates**2) + (1.0 - level) * rate_variance
-    covariance = np.diag((birth.hh, birth.vv, rate_variance, up_rate_variance, model.usual_inverse_range**2))
-    covariance[0, 1] = covariance[1, 0] = birth.hv
-    return GaussianComponent(weight, birth.azimuth, birth.elevation, model.shares, np.zeros((len(model.shares), SIZE)),
-                             np.array([covariance] * len(model.shares)), inverse_range=model.usual_inverse_range,
-                             elevation_measured=birth.elevation_measured, usual=birth.usual or model.elevations[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +110,30 @@ class PastState(NamedTuple):
     def deviations(self, row: Row) -> NDArray[np.float64]:
         """Mean (k,) of the direction along a row of derivatives in each mode, from that of all."""
         return np.asarray(self.offsets @ np.array(row))
+
+    def beyond(self, value: float, row: Row, ends: Sequence[tuple[float, float]], seen: float
+               ) -> tuple[NDArray[np.float64], ...]:
+        """Moments by mode of a quantity whose density is multiplied by 1 - `seen` but beyond some ends.
+
+        Returns (k,) each: what is left of the density, and the changes of the quantity's mean and variance.
+
+        Parameters:
+            value: mean of the quantity, whatever the mode.
+            row: its derivatives with respect to the direction across and up.
+            ends: side (1 or -1) of the values that are left as they are, and where these begin.
+            seen: see above.
+        """
+        variances = np.maximum(self.variances(row), 1e-12)
+        sigmas, means = np.sqrt(variances), self.deviations(row) + value
+        share = first = second = np.zeros(len(means))
+        for side, end in ends:  # moments of a standard normal variable beyond each end
+            start = side * (end - means) / sigmas
+            density = np.exp(-0.5 * start**2) / math.sqrt(math.tau)
+            tail = np.array([0.5 * math.erfc(each / math.sqrt(2.0)) for each in start.tolist()])
+            share, first, second = share + tail, first + side * density, second + tail + start * density
+        left = 1.0 - seen + seen * share
+        shift = seen * first / left
+        return left, shift * sigmas, ((1.0 - seen + seen * second) / left - shift**2 - 1.0) * variances
 
     def offset(self, target: Vector) -> tuple[float, float]:
         """Where a direction is in the plane, along both axes (rad)."""

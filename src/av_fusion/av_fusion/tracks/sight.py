@@ -51,7 +51,7 @@ class SightComparison(NamedTuple):
 
     Parameters:
         component, past: the component, and its direction at the capture time.
-        directions: each detection compared with it, see `found`.
+        directions: each detection compared with it.
         chance: probability that the target is in view and detected if nothing hides it.
         missed: probability that the image does not show the target.
         found (k, m): likelihood ratio of each detection in each mode of motion, from the target over a false one.
@@ -75,14 +75,14 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     """
     in_view = math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
     chance = detected * image.measurement.searched * in_view
-    width, directions = 2.0 * image.measurement.half_view, []
-    for detection, direction in zip(image.measurement.detections, image.directions, strict=True):
-        deviations = direction.deviations(past)
-        directions.append(Comparison(deviations, detected * odds_of(detection) * width * _densities(deviations), direction))
+    directions = [Comparison(direction.deviations(past), direction) for direction in image.directions]
+    gain = detected * 2.0 * image.measurement.half_view
     hidden = component.p_hidden(image.measurement.camera)
     missed = hidden + (1.0 - hidden) * (1.0 - chance)
-    found = np.array([one.fits for one in directions]).reshape(len(directions), len(component.modes)).T
-    return SightComparison(component, past, directions, chance, missed, found)
+    found = np.array([gain * odds_of(detection) * _densities(one.deviations) for detection, one
+                      in zip(image.measurement.detections, directions, strict=True)])
+    return SightComparison(component, past, directions, chance, missed,
+                           found.reshape(len(directions), len(component.modes)).T)
 
 
 def _densities(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
@@ -126,31 +126,6 @@ def extents(past: PastState, view: Sequence[Vector], measurement: CameraMeasurem
             Extent(elevation, rows[1], measurement.half_height)]
 
 
-def truncated(extent: Extent, past: PastState, seen: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Changes (k,) of mean (rad) and variance (rad^2) of an angle in each mode by an image that does not show the target.
-
-    The density is multiplied by 1 - `seen` within the interval, as by negative information (Koch, On negative information in
-    tracking and sensor data fusion, FUSION 2004), and its moments are kept.
-
-    Parameters:
-        extent: the angle.
-        past: the component at the image's capture time.
-        seen: probability that the image shows the target if the angle is within the interval.
-    """
-    variances = np.maximum(past.variances(extent.row), 1e-12)
-    sigmas, means = np.sqrt(variances), past.deviations(extent.row) + extent.angle
-    inside = first = second = np.zeros(len(means))
-    for side in (-1.0, 1.0):  # moments of a standard normal variable below each end
-        end = (side * extent.half_width - means) / sigmas
-        density = np.exp(-0.5 * end**2) / math.sqrt(math.tau)
-        below = np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in end.tolist()])
-        inside, first, second = inside + side * below, first - side * density, second + side * (below - end * density)
-    left = 1.0 - seen * inside
-    shift = -seen * first / left
-    return shift * sigmas, ((1.0 - seen * second) / left - shift**2 - 1.0) * variances
-
-
 def odds_of(detection: Detection) -> float:
     """Odds that a detection is the target."""
     return detection.score / max(1.0 - detection.score, 0.01)
-

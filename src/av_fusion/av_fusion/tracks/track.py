@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +30,10 @@ from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
 from av_fusion.tracks.likelihood import Comparison, Deviation, fits_of
-from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
+from av_fusion.tracks.mixture import GaussianMixture
 from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState
 from av_fusion.tracks.settings import FilterSettings
-from av_fusion.tracks.sight import Image, SightComparison, compare, extents, truncated
+from av_fusion.tracks.sight import Image, SightComparison, compare, extents
 
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
@@ -48,8 +49,8 @@ class SoundComparison(NamedTuple):
     Parameters:
         component, past: the component, and its direction at the capture time.
         directions: compared with each direction.
-        fits (k, m): of each in each mode of motion, see `Comparison`; its noise is that of the new part of the window.
-        own (k, m): the same with the noise of the whole window.
+        fits (k, m): of each in each mode of motion, see `fits_of`, by the noise of the new part of the window.
+        own (k, m): the same by the noise of the whole window.
     """
 
     component: GaussianComponent
@@ -82,12 +83,12 @@ class Track:
         motion: attitude and path of the rig.
     """
 
-    def __init__(self, identifier: int, time: float, births: Sequence[BirthComponent], existence: float,
+    def __init__(self, identifier: int, time: float, births: Sequence[GaussianComponent], existence: float,
                  settings: FilterSettings, motion: RigMotion, on_rig: float = 0.0) -> None:
         self._settings, self._motion = settings, motion
         self.id, self.began, self.time = identifier, time, time
         self._attitude = motion.attitude(time)  # of the rig at the time of the density, as it was known then
-        self.mixture = GaussianMixture(births, existence, settings.model, settings.rate_sigma**2, on_rig)
+        self.mixture = GaussianMixture(births, existence, settings.model, on_rig)
         self.kind, self.blade_pass = Kind(), BladePassFrequency()
         self.score, self.resolved = 0.0, False
         # Where it would be on the rig, in the body, with variances (rad^2) across and up; and the largest square of a distance.
@@ -100,12 +101,6 @@ class Track:
     def existence(self) -> float:
         """Probability that the target exists."""
         return min(max(1.0 - self.mixture.absent, 0.0), 1.0)
-
-    @property
-    def heard(self) -> float:
-        """Capture time (s) of the newest direction of arrival that supports its direction; -inf without one."""
-        primary = self.mixture.primary()
-        return -math.inf if primary is None else primary.newest_doa
 
     @property
     def seen(self) -> float:
@@ -149,8 +144,10 @@ class Track:
         moved, turn = self._motion.moved(self.time, time), IDENTITY
         if self.mixture.on_rig:
             turn = turn_between(self._attitude, self._motion.attitude(time))
-        return {component: component.predicted(time - self.time, self.mixture.model, not self.kind.is_fixed, moved, turn)
-                for component in self.mixture.components}
+        copies = {component: replace(component) for component in self.mixture.components}
+        for copy in copies.values():
+            copy.predict(time - self.time, self.mixture.model, not self.kind.is_fixed, moved, turn)
+        return copies
 
     def predict_heard(self, seconds: float) -> None:
         """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""
@@ -164,14 +161,14 @@ class Track:
         Parameters:
             heard: the directions.
             lag: result of `predict`.
-            fraction: effective sample fraction of the window, by which the noise of the directions was divided.
+            fraction: effective sample fraction of the window.
         """
         compared = []
         for component in self.mixture.components:
             past = component.at(lag)
-            directions = [hearing.likelihood.compare(past) for hearing in heard]
-            fits = np.array([direction.fits for direction in directions]).T
-            own = np.array([fits_of(direction.deviations, fraction) for direction in directions]).T
+            directions = [hearing.source.compare(past) for hearing in heard]
+            fits = np.array([fits_of(direction.deviations, 1.0 / fraction) for direction in directions]).T
+            own = np.array([fits_of(direction.deviations) for direction in directions]).T
             compared.append(SoundComparison(component, past, directions, fits, own))
         return compared
 
@@ -225,7 +222,7 @@ class Track:
             total = float(component.modes @ totals)
             component.p_unheard = unheard / total
             component.weigh_modes(totals)
-            whole = update_by_directions(time, False, component, each.past, each.directions, shares)
+            whole = update_by_directions(time, False, component, each.past, each.directions, shares, fraction)
             if sum(whole) >= ASSOCIATED:
                 component.newest_doa = max(component.newest_doa, time)
             component.weight *= total
@@ -320,7 +317,7 @@ class Track:
 
 
 def update_by_directions(time: float, seen: bool, component: GaussianComponent, past: PastState,
-                         directions: Sequence[Comparison], shares: NDArray[np.float64], fraction: float = 1.0) -> list[float]:
+                         directions: Sequence[Comparison], shares: NDArray[np.float64], fraction: float) -> list[float]:
     """Update a component by the directions of a scan; returns the probability of each that it stems from this component.
 
     Parameters:
@@ -329,8 +326,8 @@ def update_by_directions(time: float, seen: bool, component: GaussianComponent, 
         component, past: the component, and its direction at the capture time.
         directions: compared with it.
         shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
-        fraction: effective sample fraction by which the evidence is weakened that is kept of the directions: errors of
-            successive images are alike, so that together they say less than the filter, which moves on, makes of each.
+        fraction: effective sample fraction. Only the evidence that is kept of images is weakened by it: their errors are
+            alike, so that together they say less than the filter, which moves on, makes of each.
     """
     across, is_cone = [one.deviations[0] for one in directions], directions[0].direction is None
     _update(time, seen, component, past, across, shares, fraction, is_cone)
@@ -347,10 +344,11 @@ def _update(time: float, seen: bool, component: GaussianComponent, past: PastSta
             shares: NDArray[np.float64], fraction: float, keep_elevation: bool = False) -> None:
     """Update a component by alternative values of one quantity; see `update_by_directions` and `GaussianComponent.update`."""
     row = deviations[int(np.argmax(component.modes @ shares))].row  # those of directions far away differ
-    noises = np.array([np.maximum(one.totals - past.variances(one.row), one.noise) for one in deviations]).T
-    alternatives = Alternatives(np.array([one.innovations for one in deviations]).T, noises, shares)
-    component.accept(time, seen, past, row, alternatives._replace(variances=noises / fraction))
-    component.update(past, row, alternatives, keep_elevation)
+    noises = np.array([one.noise for one in deviations])
+    curved = np.array([np.maximum(one.totals - past.variances(one.row) - one.noise, 0.0) for one in deviations]).T
+    alternatives = Alternatives(np.array([one.innovations for one in deviations]).T, curved + noises / fraction, shares)
+    component.accept(time, seen, past, row, alternatives)
+    component.update(past, row, alternatives._replace(variances=curved + noises) if seen else alternatives, keep_elevation)
 
 
 def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64], detected: float) -> float:
@@ -385,6 +383,9 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
 def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> None:
     """Update a component by an image that does not show it: it is beyond the edges rather than within.
 
+    The density is multiplied by the probability that the image does not show the target, as by negative information (Koch, On
+    negative information in tracking and sensor data fusion, FUSION 2004), and its moments are kept.
+
     Parameters:
         image: the image.
         compared: the component with it.
@@ -395,4 +396,5 @@ def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> 
         past = component.at(compared.past.lag)
         ranges = extents(past, image.view, image.measurement)
         here = 1.0 - (1.0 - seen * ranges[1 - axis].share(past)) ** image.fraction
-        component.update_moments(past, ranges[axis].row, *truncated(ranges[axis], past, here))
+        angle, row, half = ranges[axis]
+        component.update_moments(past, row, *past.beyond(angle, row, ((1.0, half), (-1.0, -half)), here)[1:])
