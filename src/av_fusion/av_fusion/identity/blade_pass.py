@@ -15,9 +15,7 @@ GRID = np.arange(math.log(LOWEST_HZ), math.log(HIGHEST_HZ), STEP)  # of the loga
 WRONG = 0.2  # share of fundamentals that are multiples or parts of the true one, or of another source
 DIFFUSION = 0.03**2  # 1/s, of the logarithm: thrust, hence speed, follows the flight
 FORGOTTEN_S = 100.0  # time constant with which nothing is known
-LEAST_SIGMA = 0.02  # of the logarithm, as narrow as the grid resolves
 TYPE_SIGMA = 0.08  # of the logarithm, of drones of one type: load and flight differ
-LEAST_TYPE = 0.6  # probability from which a type is named
 
 
 def fundamental_likelihoods(measurements: Sequence[DoaMeasurement]) -> NDArray[np.float64]:
@@ -26,7 +24,7 @@ def fundamental_likelihoods(measurements: Sequence[DoaMeasurement]) -> NDArray[n
     usable = (known[:, 0] >= LOWEST_HZ) & (known[:, 0] <= HIGHEST_HZ) & (known[:, 1] >= 0.0) & np.isfinite(known[:, 1])
     likelihoods = np.ones((len(known), len(GRID)))
     frequency, variance = known[usable, :1], known[usable, 1:]
-    sigma = np.clip(np.sqrt(variance) / frequency, LEAST_SIGMA, 1.0)
+    sigma = np.clip(np.sqrt(variance) / frequency, STEP, 1.0)
     density = np.exp(-0.5 * ((np.log(frequency) - GRID) / sigma) ** 2) / (math.sqrt(math.tau) * sigma)
     likelihoods[usable] = WRONG + (1.0 - WRONG) * density * len(GRID) * STEP
     return likelihoods
@@ -83,4 +81,4 @@ class BladePassFrequency:
         odds = {name: width * float(self._density @ np.exp(-0.5 * ((GRID - math.log(hz)) / TYPE_SIGMA) ** 2)
                                     / (math.sqrt(math.tau) * TYPE_SIGMA)) for name, hz in types.items()}
         best = max(odds, key=odds.__getitem__)
-        return best if odds[best] >= LEAST_TYPE * (1.0 + sum(odds.values())) else ''
+        return best if 2.0 * odds[best] >= 1.0 + sum(odds.values()) else ''

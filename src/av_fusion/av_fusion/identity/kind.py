@@ -12,7 +12,7 @@ from av_common.track import Source
 
 # Prior probabilities of a drone, of something else that moves, and of a fixed emitter: what is heard around a rig that looks
 # for drones is one as often as not, and one source in four of the others is a fan or generator.
-DRONE, OTHER, FIXED = 0.5, 0.375, 0.125
+DRONE, FIXED = 0.5, 0.125
 OWN = 0.05  # prior probability that what is heard is none of these, but a part of the rig that turns with it
 # Logarithm of how much more often a detector of drones marks a drone than something else: what is seen is a drone with a
 # probability of 0.6 before its scores count.
@@ -55,7 +55,7 @@ class Kind:
         if not self._sums[Source.SOUND][1] and self._sums[Source.SIGHT][1] < LEAST_LOOKS:
             return math.nan, math.nan, math.nan
         stays = HOVERING + (1.0 - HOVERING) * math.exp(-self.static_s / HOVER_S)  # probability of what moves to stay so long
-        weights = DRONE * stays * math.exp(self._ratio()), OTHER * stays, FIXED
+        weights = DRONE * stays * math.exp(self._ratio()), (1.0 - DRONE - FIXED) * stays, FIXED
         return weights[0] / sum(weights), weights[1] / sum(weights), weights[2] / sum(weights)
 
     def _ratio(self) -> float:
