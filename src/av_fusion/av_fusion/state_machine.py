@@ -31,9 +31,9 @@ class StateMachine:
 
     def restart(self) -> None:
         """Forget all measurements; the state stays until the next step."""
-        self.sight_confidence = self.sound_confidence = self._heard = 0.0
-        self._newest_image = self._newest_doa = -math.inf
+        self.sight_confidence = self.sound_confidence = 0.0
         self._sights: dict[str, tuple[float, float]] = {}  # time and score, by camera
+        self._heard = -math.inf, 0.0  # time and confidence
 
     def on_image(self, time: float, score: float, camera: str = '') -> None:
         """Use the score of the target's detection in an image, 0 if it was not detected.
@@ -45,7 +45,6 @@ class StateMachine:
         """
         if time >= self._sights.get(camera, (-math.inf, 0.0))[0]:
             self._sights[camera] = time, score
-            self._newest_image = max(self._newest_image, time)
 
     def on_doa(self, time: float, confidence: float) -> None:
         """Use the confidence of a direction of arrival.
@@ -54,8 +53,8 @@ class StateMachine:
             time (s): centre of the window.
             confidence: confidence 0..1.
         """
-        if time >= self._newest_doa:
-            self._newest_doa, self._heard = time, confidence
+        if time >= self._heard[0]:
+            self._heard = time, confidence
 
     def step(self, time: float, tracked: bool, why: str = '', heard: float | None = None) -> State:
         """The state at `time`.
@@ -66,32 +65,26 @@ class StateMachine:
             why: why none is followed; empty where nothing is tracked.
             heard (s): capture time of the newest direction of arrival that supports the target; None: of any.
         """
-        recent_image = time - self._newest_image <= SIGHT_TIMEOUT_S
-        self.sight_confidence = max([score for at, score in self._sights.values() if time - at <= SIGHT_TIMEOUT_S], default=0.0)
-        self.sound_confidence = self._heard if time - self._newest_doa <= SOUND_TIMEOUT_S else 0.0
+        recent = [score for at, score in self._sights.values() if time - at <= SIGHT_TIMEOUT_S]
+        newest_doa, confidence = self._heard
+        self.sight_confidence = max(recent, default=0.0)
+        self.sound_confidence = confidence if time - newest_doa <= SOUND_TIMEOUT_S else 0.0
+        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {self.tau:.2f}' if recent else 'no recent image'
         if not tracked:
-            wanted = State.NONE
-        elif recent_image and self.sight_confidence > 0.0 and self.sight_confidence >= self.tau:  # tau may be 0
-            wanted = State.VISUAL_ACTIVE
+            wanted, reason = State.NONE, f'no target: {why or "nothing is heard or seen"}'
+        elif self.sight_confidence > 0.0 and self.sight_confidence >= self.tau:  # tau may be 0
+            wanted, reason = State.VISUAL_ACTIVE, f'sight confidence {self.sight_confidence:.2f} >= {self.tau:.2f}'
+        elif time - (newest_doa if heard is None else heard) <= SOUND_TIMEOUT_S:
+            wanted, reason = State.ACOUSTIC_ACTIVE, weak_sight
         else:
-            recent_doa = time - (self._newest_doa if heard is None else heard) <= SOUND_TIMEOUT_S
-            wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
+            wanted = State.COASTING
+            reason = f'{weak_sight} and no recent direction of arrival that fits the track: it is predicted'
         if wanted != self.state or time < self.changed:  # a clock may be set back
             self.changed = time
         if wanted != self.state or not tracked:
-            self.state, self.reason = wanted, self._reason(wanted, recent_image, why)
+            self.state, self.reason = wanted, reason
         return self.state
 
     def diagnostics(self) -> dict[str, str]:
         """State and reason, as texts for diagnostics."""
         return {'state': self.state.name, 'reason': self.reason}
-
-    def _reason(self, state: State, recent_image: bool, why: str) -> str:
-        if state == State.NONE:
-            return f'no target: {why or "nothing is heard or seen"}'
-        if state == State.VISUAL_ACTIVE:
-            return f'sight confidence {self.sight_confidence:.2f} >= {self.tau:.2f}'
-        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {self.tau:.2f}' if recent_image else 'no recent image'
-        if state == State.ACOUSTIC_ACTIVE:
-            return weak_sight
-        return f'{weak_sight} and no recent direction of arrival that fits the track: it is predicted'
