@@ -9,28 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
-from av_fusion.disambiguation.rotation import NO_CAMERA, Candidate, RotationPlanner
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_fusion.disambiguation.rotation import DONE, NO_CAMERA, Candidate, RotationPlanner
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.measurement.vectors import ZERO, angles, direction, turned, turned_back
+from av_fusion.measurement.vectors import ZERO
 from av_fusion.plain_tracker import FORGET_S, PlainTracker
 from av_fusion.state_machine import StateMachine
 
 ROTATION = math.radians(45.0)  # that is requested
-LEAST_TURN = math.radians(40.0)  # after which candidates are compared: the rig does not complete the rotation
+LEAST_TURN = ROTATION - 2.0 * DONE  # after which candidates are compared: the rig does not complete the rotation
 RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
-
-
-class _Stored(NamedTuple):
-    """Candidates before a rotation: time (s), the rig's yaw (rad) and azimuths in the world (rad)."""
-
-    time: float
-    yaw: float
-    azimuths: list[float]
 
 
 class GatedTracker(PlainTracker):
@@ -53,10 +45,10 @@ class GatedTracker(PlainTracker):
 
     def restart(self) -> None:
         """Forget the target."""
-        self._used: dict[Source, Hypothesis | Detection] = {}  # the newest of each sensor
-        self._unambiguous: tuple[float, float] | None = None  # time and world azimuth of the last unambiguous bearing
-        self._stored: _Stored | None = None
-        self._images = 0  # mirror images of what was heard last
+        self._bearings: dict[Source, tuple[float, float]] = {}  # newest azimuth in the world and its variance, by sensor
+        self._known: tuple[float, float] | None = None  # time and azimuth in the world of the last unambiguous bearing
+        self._before: tuple[float, float, list[float]] | None = None  # time, yaw, and candidates, before a rotation
+        self._images = 0  # of what was heard last, by mirrors
         self._visibility = math.nan
 
     def reset(self) -> None:
@@ -68,47 +60,47 @@ class GatedTracker(PlainTracker):
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`."""
         if self.motion.add(pose) is not None:  # earlier directions in the world are not valid
-            self._unambiguous = self._stored = None
+            self._known = self._before = None
             self.planner.cancel()
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `PlainTracker`; only the detection of highest score is used."""
         time, best = measurement.time - self._sight_delay, measurement.best
-        if time < self._newest[Source.SIGHT]:
-            return  # late: a newer one is known
-        self._visibility = measurement.visibility
-        self.machine.on_image(time, best.score if best else 0.0, measurement.camera)
-        if best and best.score >= self.machine.tau:
-            self._used[Source.SIGHT], self._newest[Source.SIGHT] = best, time
-            self._unambiguous = (time, self._world_azimuth(time, best))
+        if time >= self._newest[Source.SIGHT]:  # else a newer one is known
+            self._visibility = measurement.visibility
+            self.machine.on_image(time, best.score if best else 0.0, measurement.camera)
+            super().add_camera(measurement)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `PlainTracker`; one of the mirror images is chosen."""
-        for measurement in measurements[:1]:  # that of the strongest source: the publication has one
+        """See `PlainTracker`; the publication has one source."""
+        for measurement in measurements[:1]:
             time, images = measurement.time - self._sound_delay, measurement.hypotheses
             if time < self._newest[Source.SOUND]:
                 return
-            self._images, world = len(images), [self._world_azimuth(time, image) for image in images]
+            yaw, self._images = self.motion.yaw(time), len(images)
+            world = [image.azimuth + yaw for image in images]
             if len(images) == 1:
-                self._unambiguous = (time, world[0])
+                self._known = time, world[0]
             elif not self._is_resolved(time):
-                self._unambiguous = self._compare_after_turn(time, self.motion.yaw(time), world)
-            chosen = 0
-            if self._unambiguous is not None:
-                known = self._unambiguous[1]
-                chosen = min(range(len(world)), key=lambda k: abs(wrap(world[k] - known)))
-                self._unambiguous = (time, world[chosen])
-            self._used[Source.SOUND], self._newest[Source.SOUND] = images[chosen], time
+                self._known = self._compare_after_turn(time, yaw, world)
             self.machine.on_doa(time, measurement.confidence)
+            super().add_doas([measurement])
 
-    def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
-        return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
+    def update(self, time: float, azimuth: float, variance: float, source: Source) -> None:
+        """See `PlainTracker`: detected objects are in front of the camera, so that one that is seen is unambiguous."""
+        self._bearings[source] = azimuth, variance
+        if source == Source.SIGHT or self._known is not None:
+            self._known = time, azimuth
+
+    def predict(self, time: float) -> tuple[float, float] | None:
+        """See `PlainTracker`: where the target was last, without a variance."""
+        return None if self._known is None else (self._known[1], 0.0)
 
     def tune(self, tau: float, confirm_threshold: float) -> None:
         """See `PlainTracker`."""
         if tau < self.machine.tau:
             self.machine.restart()  # of the detections below the old one no direction is known
-        self.machine.tau = tau
+        self.machine.tau = self.tau = tau
 
     def estimate(self, time: float) -> Track:
         """See `PlainTracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
@@ -118,22 +110,20 @@ class GatedTracker(PlainTracker):
                       sound_confidence=machine.sound_confidence, sight_confidence=machine.sight_confidence,
                       visibility=self._visibility)
         leading = {State.VISUAL_ACTIVE: Source.SIGHT, State.ACOUSTIC_ACTIVE: Source.SOUND}.get(state, newest)
-        if state == State.NONE or leading not in self._used:
+        if state == State.NONE or leading not in self._bearings:
             return track
-        measured, found = self._newest[leading], self._used[leading]
-        world = turned(self.motion.attitude(measured), direction(found.azimuth, found.elevation))
-        azimuth, elevation = angles(turned_back(self.motion.attitude(time), world))
-        azimuth_world, elevation_world = angles(world)
-        resolved, rotation = self._resolve(time, self.motion.yaw(time))
+        azimuth_world, variance = self._bearings[leading]
+        yaw = self.motion.yaw(time)
+        azimuth = float(wrap(azimuth_world - yaw))
+        resolved, rotation = self._resolve(time, yaw)
         probability = RESOLVED_PROBABILITY if resolved else 0.5
         source = Source.NOTHING if state == State.COASTING else leading
         return track._replace(
-            source=source, azimuth=azimuth, azimuth_variance=found.across_variance, elevation=elevation,
-            elevation_variance=found.elevation_variance, azimuth_world=azimuth_world, elevation_world=elevation_world,
-            attitude_known=self.motion.is_known(time), measured=measured,
-            covariance_world=(found.across_variance, 0.0, 0.0, found.elevation_variance),
-            front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability, resolved=resolved,
-            requested_rotation=rotation, sound_weight=float(source == Source.SOUND), sight_weight=float(source == Source.SIGHT))
+            source=source, azimuth=azimuth, azimuth_variance=variance, azimuth_world=azimuth_world,
+            covariance_world=(variance, 0.0, 0.0, math.inf), attitude_known=self.motion.is_known(time),
+            measured=self._newest[leading], front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability,
+            resolved=resolved, requested_rotation=rotation, sound_weight=float(source == Source.SOUND),
+            sight_weight=float(source == Source.SIGHT))
 
     def diagnostics(self) -> dict[str, str]:
         """See `PlainTracker`."""
@@ -141,7 +131,7 @@ class GatedTracker(PlainTracker):
 
     def _is_resolved(self, time: float) -> bool:
         """Whether a bearing was unambiguous less than FORGET_S before `time` (s): the nearest candidate is the true one."""
-        return self._unambiguous is not None and time - self._unambiguous[0] <= FORGET_S
+        return self._known is not None and time - self._known[0] <= FORGET_S
 
     def _resolve(self, time: float, yaw: float) -> tuple[bool, float]:
         """Whether the hemisphere is resolved, and the rotation (rad) requested if it is not."""
@@ -153,12 +143,11 @@ class GatedTracker(PlainTracker):
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""
-        stored = self._stored
-        if stored is None or time < stored.time or time - self._newest[Source.SOUND] > FORGET_S:
-            self._stored = _Stored(time, yaw, world)
+        then, turned_from, azimuths = self._before or (math.inf, yaw, world)
+        if time < then or time - self._newest[Source.SOUND] > FORGET_S:
+            self._before = time, yaw, world
             return None
-        if abs(float(wrap(yaw - stored.yaw))) < LEAST_TURN:
+        if abs(wrap(yaw - turned_from)) < LEAST_TURN:
             return None
-        moved = [min(abs(float(wrap(azimuth - before))) for before in stored.azimuths) for azimuth in world]
-        self._stored = None
-        return time, world[min(range(len(world)), key=lambda k: moved[k])]
+        self._before = None
+        return time, min(world, key=lambda azimuth: min(abs(wrap(azimuth - before)) for before in azimuths))
