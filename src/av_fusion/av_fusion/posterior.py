@@ -14,7 +14,6 @@ from av_fusion.tracks.track import MAX_GAP_S, Track
 SECTORS = 120  # of 3 deg: finer than a picture shows
 EDGES = np.linspace(-math.pi, math.pi, SECTORS + 1)
 TURNS = math.tau * np.arange(-2, 3)[:, None]  # beyond which a normal distribution has nothing at deviations up to pi
-LEAST_SIGMA, LARGEST_SIGMA = 1e-4, math.pi  # rad
 _ERF = np.frompyfunc(math.erf, 1, 1)  # the import of scipy.special takes a quarter of a node's start
 
 
@@ -38,6 +37,5 @@ def azimuth_posterior(tracks: Iterable[Track], motion: RigMotion, time: float) -
 
 def _wrapped_normal(azimuth: float, variance: float) -> NDArray[np.float64]:
     """Probability of each sector."""
-    sigma = min(max(math.sqrt(variance), LEAST_SIGMA), LARGEST_SIGMA)
-    inside = np.diff(np.asarray(_ERF((EDGES + TURNS - azimuth) / (math.sqrt(2.0) * sigma)), float), axis=1).sum(axis=0)
+    inside = np.diff(np.asarray(_ERF((EDGES + TURNS - azimuth) / math.sqrt(2.0 * variance)), float), axis=1).sum(axis=0)
     return inside / inside.sum()

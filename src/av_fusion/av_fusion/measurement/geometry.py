@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL
+from av_common.frames import FLU_TO_OPTICAL, UNIT_TOLERANCE
 from av_common.stamps import to_seconds
 from av_fusion.measurement.measurements import (
     COSINE_TOLERANCE,
     LEAST_LEVEL,
-    UNIT_TOLERANCE,
     Cone,
     Detection,
     DoaMeasurement,

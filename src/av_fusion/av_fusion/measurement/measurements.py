@@ -11,12 +11,12 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple, TypeVar
 
+from av_common.frames import UNIT_TOLERANCE
 from av_common.rig import CAMERAS
 from av_fusion.measurement.vectors import IDENTITY, Rows, Vector, angles, dot
 
-LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
+LEAST_LEVEL = 0.1  # horizontal part of an axis or a direction; closer to the vertical azimuths are not measured
 LEAST_SINE = 0.05  # even close to its axis a linear array measures azimuth with a finite error
-UNIT_TOLERANCE = 0.01  # of the length of a unit vector
 COSINE_TOLERANCE = 1e-3  # excess of a cosine over 1 by single precision and rotations
 LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; variances outside are errors of the sender, or carry no information
 
@@ -162,11 +162,9 @@ def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
                  and 0.0 < measurement.window <= 60.0)
     if not plausible:
         return None
-    kept = _usable(measurement.hypotheses)
-    if not kept:
-        return None
-    if measurement.cone is not None:  # its images are usable together or not at all
-        return measurement if kept == measurement.hypotheses and _is_usable_cone(measurement.cone) else None
+    kept, cone = _usable(measurement.hypotheses), measurement.cone
+    if not kept or (cone is not None and (len(kept) < len(measurement.hypotheses) or not _is_usable_cone(cone))):
+        return None  # the images of a cone are usable together or not at all
     return measurement if kept == measurement.hypotheses else measurement._replace(hypotheses=kept)
 
 
@@ -189,7 +187,7 @@ def usable_camera(measurement: CameraMeasurement) -> CameraMeasurement | None:
 
 
 def _is_usable_cone(cone: Cone) -> bool:
-    return (abs(math.sqrt(dot(cone.axis, cone.axis)) - 1.0) < UNIT_TOLERANCE and abs(cone.cosine) <= 1.0 + COSINE_TOLERANCE
+    return (abs(dot(cone.axis, cone.axis) - 1.0) < UNIT_TOLERANCE and abs(cone.cosine) <= 1.0 + COSINE_TOLERANCE
             and LEAST_VARIANCE <= cone.variance <= LARGEST_VARIANCE)
 
 
@@ -198,12 +196,11 @@ _Direction = TypeVar('_Direction', Hypothesis, Detection)
 
 def _usable(directions: tuple[_Direction, ...]) -> tuple[_Direction, ...]:
     """Directions with a plausible azimuth; an implausible elevation counts as unknown."""
-    return tuple([d if _has_usable_elevation(d) else d._replace(elevation=0.0, elevation_variance=math.inf)
-                  for d in directions if abs(d.azimuth) <= 10.0 and LEAST_VARIANCE <= d.across_variance <= LARGEST_VARIANCE])
-
-
-def _has_usable_elevation(direction: Hypothesis | Detection) -> bool:
-    """Whether the elevation is plausible, or unknown."""
-    variance = direction.elevation_variance
-    return (abs(direction.elevation) <= 0.5 * math.pi
-            and (LEAST_VARIANCE <= variance <= LARGEST_VARIANCE or variance == math.inf))
+    kept = []
+    for one in directions:
+        if abs(one.azimuth) <= 10.0 and LEAST_VARIANCE <= one.across_variance <= LARGEST_VARIANCE:
+            variance = one.elevation_variance
+            is_plausible = LEAST_VARIANCE <= variance <= LARGEST_VARIANCE or variance == math.inf
+            kept.append(one if is_plausible and abs(one.elevation) <= 0.5 * math.pi else
+                        one._replace(elevation=0.0, elevation_variance=math.inf))
+    return tuple(kept)

@@ -10,14 +10,12 @@ from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, pr
 from av_common.timeline import Timeline
 from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, heading, turned
 
-KEPT_S = 5.0  # length of the history
+KEPT_S = 5.0  # length of the history, in which a jump is reported
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
-LARGEST_GAP_S = 0.5  # between two poses that are compared: over longer gaps nothing is known of the motion
 JUMP_RAD, ANGULAR_ACCELERATION = math.radians(10.0), 20.0  # of a rotation beyond the rates (rad, rad/s^2) that is a jump
 JUMP_M, ACCELERATION = 1.0, 30.0  # of a displacement beyond the velocity (m, m/s^2) that is a jump
 FROZEN_RAD, FROZEN_SHARE = math.radians(10.0), 0.2  # rotation by the rates, of which a live attitude shows more than this share
-NOTICED_S = 5.0  # for which a jump is reported
 
 
 class Pose(NamedTuple):
@@ -98,8 +96,7 @@ class RigMotion:
         if self._poses.entries:
             dt = self._interval = pose.time - self.newest
             velocity, mean = self._velocities(pose, velocity, dt)
-            if dt <= LARGEST_GAP_S:
-                rate, jump = self._checked(pose, rate, dt)
+            rate, jump = self._checked(pose, rate, dt)
             path = combined(1.0, self._poses.entries[-1][1].path, dt if dt <= KNOWN_S else 0.0, mean)
         self._poses.add(pose.time, _Stored(pose.attitude, rate, velocity, path))
         self.newest, self._last = pose.time, pose
@@ -121,7 +118,7 @@ class RigMotion:
                 self._notice(pose.time, 'position')
                 return last, last
             return moved, moved
-        if dt <= LARGEST_GAP_S and pose.position != self._last.position and self._is_jump(moved, mean, dt):
+        if pose.position != self._last.position and self._is_jump(moved, mean, dt):
             self._notice(pose.time, 'position')
         return velocity, mean
 
@@ -172,7 +169,7 @@ class RigMotion:
         """Whether poses stopped or jumped by `time` (s), else empty; a frozen attitude is told by `HeadingWatch`."""
         if self._poses.entries and time - self.newest > KNOWN_S:
             return f'odometry stopped {time - self.newest:.1f} s ago: the rig counts as level, at its last heading'
-        if 0.0 <= time - self._jumped < NOTICED_S:
+        if 0.0 <= time - self._jumped < KEPT_S:
             return f'odometry jumped in {self._jump} ({self.jumps} times)'
         return ''
 
