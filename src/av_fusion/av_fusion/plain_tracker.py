@@ -12,7 +12,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
-FORGET_S = 3.0  # without a measurement for so long, there is no track
+FORGET_S = 3.0  # longest prediction of a track that no measurement supports
 
 
 class PlainTracker:

@@ -14,9 +14,10 @@ from av_fusion.disambiguation.ambiguity import candidates, is_resolved
 from av_fusion.disambiguation.look import LookPlanner
 from av_fusion.disambiguation.rotation import NO_CAMERA, RotationPlanner
 from av_fusion.identity.selection import Selection
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import LEAST_LEVEL, CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import Vector, heading, turned, turned_back
+from av_fusion.plain_tracker import FORGET_S
 from av_fusion.state_machine import SIGHT_TIMEOUT_S, SOUND_TIMEOUT_S, StateMachine
 from av_fusion.tracks.component import BodyDirection, GaussianComponent
 from av_fusion.tracks.filter import LOOK_S, MultiBernoulliFilter
@@ -25,8 +26,6 @@ from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.track import MAX_GAP_S
 from av_fusion.tracks.track import Track as FilterTrack
 
-COAST_S = 3.0  # longest prediction of a track that no measurement supports
-LEAST_LEVEL = 0.05  # cosine of an elevation; closer to the zenith the rate of the azimuth is bounded
 KNOWN_RANGE = 2.0  # inverse range over its standard deviation from which a range is published
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
@@ -136,8 +135,6 @@ class MultiTargetTracker:
         seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
         measurement = self._calibration.align(time, measurement, len(seen) > 1)
         self._images[measurement.camera] = measurement
-        recent = [one for one in self._images.values() if abs(one.time - measurement.time) <= SIGHT_TIMEOUT_S]
-        self._image = max(recent, key=lambda one: one.visibility if math.isfinite(one.visibility) else -1.0)
         self.filter.update_image(time, measurement)
         followed = next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
         score = followed.score if followed is not None else measurement.best.score if measurement.best is not None else 0.0
@@ -154,8 +151,8 @@ class MultiTargetTracker:
     def estimate(self, time: float) -> Track:
         """See `PlainTracker`: the followed target. The filter itself is not moved."""
         silent = abs(time - self.filter.newest) >= MAX_GAP_S
-        if time - self._image.time >= MAX_GAP_S:  # a camera that has stopped tells nothing of what is seen now
-            self._image = NO_CAMERA
+        recent = [one for one in self._images.values() if time - one.time < MAX_GAP_S]  # one that has stopped tells nothing
+        self._image = max(recent, key=lambda one: one.visibility if math.isfinite(one.visibility) else -1.0, default=NO_CAMERA)
         tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
         found = [target for track in tracks.values() if (target := self._target(time, track)) is not None]
         known = [target for target in found  # what a person wants is not waited for
@@ -236,7 +233,7 @@ class MultiTargetTracker:
     def _target(self, time: float, track: FilterTrack) -> Target | None:
         """A track predicted to `time` (s); None where it is too long not measured."""
         primary = track.mixture.primary()
-        if primary is None or time - primary.measured > COAST_S + SOUND_TIMEOUT_S:
+        if primary is None or time - primary.measured > FORGET_S + SOUND_TIMEOUT_S:
             return None
         later, attitude = track.later(time), self.motion.attitude(time)
         found = {component: one.in_body(attitude) for component, one in later.items() if one.on_rig == primary.on_rig}
