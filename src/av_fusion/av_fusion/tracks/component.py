@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 from typing import NamedTuple
@@ -15,29 +15,21 @@ from numpy.typing import NDArray
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
-from av_fusion.tracks.evidence import Evidence
+from av_fusion.tracks.evidence import LONGEST_S, Evidence
 from av_fusion.tracks.motion import CLIMB_S, Elevation, MotionModel
-from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState, Row, share_within
+from av_fusion.tracks.past_state import NOW, Deviation, Lag, PastState, Row, share_within
 from av_fusion.tracks.settings import FilterSettings
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 RANGE_S = 30.0  # time constant with which the range is forgotten
 LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
 LARGEST_AZIMUTH_VARIANCE = math.pi**2 / 3.0  # of an azimuth that is not known at all
-OCCLUSION_S = 5.0  # time constant of changes of fog, and of what passes between camera and target
-OCCLUDED = 0.02  # share of the time for which something near hides a target in clear air: the error of resolving by absence
-LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
-MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of three cameras at 60 Hz, for half a second
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 _IDENTITY = np.identity(SIZE)
 NOT_HIDDEN = (0.0, -math.inf)  # at no time
-LEAST_HIDDEN = 1e-6  # probability, so that an image without the target is possible by any settings
-
-
-def no_evidence() -> deque[Evidence]:
-    """What is associated with a component before any measurement."""
-    return deque(maxlen=MOST_EVIDENCE)
+SOUND = ''  # no camera's name
+LEAST = 1e-6  # probability of anything, so that what is measured is possible by any settings, and a target can be given up
 
 
 class BodyDirection(NamedTuple):
@@ -73,9 +65,8 @@ class GaussianComponent:
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
         on_rig: whether the source is fixed to the body, as the rig's own rotors are; rates are then relative to that.
         usual: distribution to which the elevation returns.
-        hidden: by camera, the probability that fog, or something near, hides the target from it, and the time (s) for which
-            that is valid.
-        p_unheard: probability that the target cannot be heard, because louder sources mask it.
+        hidden: by sensor, the probability that the target is hidden from it, and the time (s) for which that is valid: fog, or
+            something near, hides it from a camera, louder sources from the microphones.
         newest_doa, newest_sighting (s): capture times of the newest direction of arrival, and of the newest image with a
             detection, that is associated with the component: more probably than not it stems from this target.
         evidence: what was associated since the last report to other rigs.
@@ -94,10 +85,9 @@ class GaussianComponent:
     on_rig: bool = False
     usual: Elevation = field(default=Elevation(0.0, 1.0, 1.0), repr=False)
     hidden: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    p_unheard: float = 0.0
     newest_doa: float = -math.inf
     newest_sighting: float = -math.inf
-    evidence: deque[Evidence] = field(default_factory=no_evidence, repr=False)
+    evidence: deque[Evidence] = field(default_factory=deque, repr=False)
 
     @classmethod
     def born(cls, share: float, azimuth: float, elevation: float, covariance: tuple[float, float, float],
@@ -232,26 +222,8 @@ class GaussianComponent:
         past = past.shifted((1.0 - level * level) * across, up)
         return past.turned(lag.turn) if self.on_rig else past
 
-    def accept(self, time: float, seen: bool, past: PastState, row: Row, alternatives: Alternatives) -> None:
-        """Note what alternative values of one quantity say by themselves, if one of them probably belongs to this component.
-
-        Parameters:
-            time (s): of their capture.
-            seen: whether by the camera.
-            past: the component at that time.
-            row: derivatives of the quantity with respect to the direction across and up.
-            alternatives: the values.
-        """
-        share, mean, square, variance = [float(one[0]) for one in alternatives.pooled(past.modes).moments()]
-        length = math.hypot(*row)
-        if share < ASSOCIATED or length < 1e-6:
-            return
-        value, spread = mean / share, square / share - (mean / share) ** 2
-        normal = combined(row[0] / length, past.left, row[1] / length, past.above)
-        variance = (variance + spread) / share / length**2
-        self.evidence.append(Evidence(time, seen, past.direction, normal, value / length, variance))
-
-    def update(self, past: PastState, row: Row, alternatives: Alternatives, keep_elevation: bool = False) -> None:
+    def update(self, time: float, seen: bool, past: PastState, deviations: Sequence[Deviation], shares: NDArray[np.float64],
+               fraction: float, keep_elevation: bool = False) -> None:
         """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
 
         Where the elevation is kept, it and the rate up keep their means, and their uncertainty is accounted for:
@@ -259,15 +231,25 @@ class GaussianComponent:
         nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
         a mean would climb instead of turning back.
 
+        What values say by themselves is kept as evidence, if one of them probably belongs to this component. That of images is
+        weakened by the effective sample fraction: their errors are alike, so that together they say less than the filter,
+        which moves on, makes of each.
+
         Parameters:
-            past: the component at the capture time.
-            row: derivatives of the quantity with respect to the direction across and up at that time.
-            alternatives: the values.
+            time (s): capture time.
+            seen: whether by the camera.
+            past: the component at that time.
+            deviations: the values, compared with it.
+            shares (k, m): probability of each in each mode that it belongs to this component; they sum to at most one.
+            fraction: effective sample fraction.
             keep_elevation: whether the elevation is kept, as far as it is level.
         """
-        share, mean, square, variance = alternatives.moments()
-        if self.modes @ share < LEAST_ASSOCIATION:
-            return
+        row = deviations[int((self.modes @ shares).argmax())].row  # those of directions far away differ
+        innovations, noises = np.array([one.innovations for one in deviations]).T, np.array([one.noise for one in deviations])
+        curved = np.array([np.maximum(one.totals - past.variances(one.row) - one.noise, 0.0) for one in deviations]).T
+        independent = curved + noises / fraction
+        self._accept(time, seen, past, row, _moments(*[self.modes @ each for each in (innovations, independent, shares)]))
+        share, mean, square, variance = _moments(innovations, curved + noises if seen else independent, shares)
         total = past.variances(row) + variance
         cross = past.gains @ np.array(row)
         gain = cross / total[:, None]
@@ -279,6 +261,17 @@ class GaussianComponent:
                             + gain[:, :, None] * gain[:, None, :] * spread)
         self.offsets = self.offsets + gain * mean[:, None]
         self.recentre()
+
+    def _accept(self, time: float, seen: bool, past: PastState, row: Row, moments: NDArray[np.float64]) -> None:
+        share, mean, square, variance = moments.tolist()
+        length = math.hypot(*row)
+        if share < ASSOCIATED or length < 1e-6:
+            return
+        normal = combined(row[0] / length, past.left, row[1] / length, past.above)
+        variance = (variance + square / share - (mean / share) ** 2) / share / length**2
+        self.evidence.append(Evidence(time, seen, past.direction, normal, mean / share / length, variance))
+        while self.evidence[0].time < time - LONGEST_S:
+            self.evidence.popleft()
 
     def update_moments(self, past: PastState, row: Row, shifts: NDArray[np.float64], changes: NDArray[np.float64]) -> None:
         """Update by new moments of one quantity.
@@ -350,43 +343,35 @@ class GaussianComponent:
         return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
                              variances[1])
 
-    def p_hidden(self, camera: str) -> float:
-        """Probability that the target is hidden from a camera."""
-        return max(self.hidden.get(camera, NOT_HIDDEN)[0], LEAST_HIDDEN)
+    def p_hidden(self, sensor: str, time: float, usual: float, lasts: float, is_known: bool = False) -> float:
+        """Probability that the target is hidden from a sensor at a time: a two-state Markov chain.
 
-    def predict_hidden(self, camera: str, time: float, visibility: float, is_known: bool) -> None:
-        """Predict the probability that the target is hidden to the time of an image.
-
-        What hides a target changes slowly, over OCCLUSION_S: a hundred images without it are hardly more evidence than one.
-        Also in clear air something near hides it for the share OCCLUDED of the time, which bounds what an empty view can tell.
-
-        A target that an image has shown was not hidden then; where the visibility is unknown, the same law hides it later.
+        What hides a target changes slowly: a hundred images without it are hardly more evidence than one. A target that was
+        perceived was not hidden then.
 
         Parameters:
-            camera: name of the camera.
-            time (s): capture time of the image.
-            visibility: visibility of the image, 0..1.
-            is_known: whether that is known, and bounds what this image shows, or assumed.
+            sensor: name of the camera; SOUND for the microphones.
+            time (s): capture time of a scan.
+            usual: long-run probability.
+            lasts (s): correlation time.
+            is_known: whether the long-run probability is known, and bounds what this scan tells, or assumed.
         """
-        usual, (p_hidden, newest) = 1.0 - (1.0 - OCCLUDED) * visibility, self.hidden.get(camera, NOT_HIDDEN)
-        kept = math.exp(min(newest - time, 0.0) / OCCLUSION_S)
-        p_hidden = usual + kept * (p_hidden - usual) if p_hidden > usual or not is_known else usual
-        self.hidden = {**self.hidden, camera: (p_hidden, max(newest, time))}
+        hidden, newest = self.hidden.get(sensor, NOT_HIDDEN)
+        kept = math.exp(min(newest - time, 0.0) / lasts)
+        return max(usual + kept * (hidden - usual) if hidden > usual or not is_known else usual, LEAST)
 
-    def update_hidden(self, camera: str, chance: float, fraction: float, missed: float) -> None:
-        """Update the probability that the target is hidden by an image.
-
-        Parameters:
-            camera: name of the camera.
-            chance: that the image shows a target that is not hidden.
-            fraction: effective sample fraction of the image.
-            missed: probability that the image does not show the target, given what it shows.
-        """
-        overlooked = max(1.0 - chance, 1e-3) ** fraction
-        p_hidden, newest = self.hidden.get(camera, NOT_HIDDEN)
-        p_hidden *= missed / max(p_hidden + (1.0 - p_hidden) * overlooked, 1e-9)
-        self.hidden = {**self.hidden, camera: (p_hidden, newest)}
+    def note_hidden(self, sensor: str, time: float, hidden: float) -> None:
+        """Note the probability that the target was hidden from a sensor (see `p_hidden`) at a time (s)."""
+        self.hidden = {**self.hidden, sensor: (hidden, max(time, self.hidden.get(sensor, NOT_HIDDEN)[1]))}
 
 
 def _bounded(inverse_range: float) -> float:
     return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
+
+
+def _moments(innovations: NDArray[np.float64], variances: NDArray[np.float64], shares: NDArray[np.float64]
+             ) -> NDArray[np.float64]:
+    """Sum of the shares (..., m), mean and mean square of the innovations by them, and variance of a value, (4, ...)."""
+    weighted = shares * innovations
+    share, mean, square, information = np.add.reduce((shares, weighted, weighted * innovations, shares / variances), axis=-1)
+    return np.array((share, mean, square, share / np.maximum(information, 1e-300)))

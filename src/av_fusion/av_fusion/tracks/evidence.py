@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from av_fusion.measurement.vectors import ZERO, Vector, angles, combined, dot, tangents
+from av_fusion.measurement.vectors import Vector, angles, tangents
 from av_fusion.measurement.vectors import direction as direction_of
 
-LONGEST_S = 0.6  # over which a direction moves uniformly: between reports, twice a second at least
+LONGEST_S = 0.6  # for which evidence is kept, and a direction moves uniformly: reports come twice a second at least
 LEAST_INFORMATION = 1e-3  # 1/rad^2, beside which nothing counts as measured
 
 
@@ -63,29 +62,19 @@ def increment(evidence: Sequence[Evidence], rate: Vector) -> Increment | None:
         evidence: the measurements.
         rate (rad/s): of the direction, a vector in the world.
     """
-    newest = max((one.time for one in evidence), default=0.0)
-    recent = [one for one in evidence if newest - one.time < LONGEST_S]
-    if not recent:
+    if not evidence:
         return None
-    seen = any(one.seen for one in recent)
-    used = [one for one in recent if one.seen == seen]
-    total = sum(1.0 / one.variance for one in used)
-    time = sum(one.time / one.variance for one in used) / total
-    centre = ZERO
-    for one in used:
-        centre = combined(1.0, centre, 1.0 / one.variance / total, one.direction)
-    azimuth, elevation = angles(centre)
-    middle, axes = direction_of(azimuth, elevation), tangents(azimuth, elevation)
-    information, vector = np.zeros((2, 2)), np.zeros(2)
-    for one in used:
-        row = np.array([dot(one.normal, axis) for axis in axes])
-        begin = dot(one.normal, combined(1.0, one.direction, -1.0, middle))
-        information += np.outer(row, row) / one.variance
-        vector += row * ((one.value + begin + (time - one.time) * dot(one.normal, rate)) / one.variance)
-    arc = np.linalg.solve(information + LEAST_INFORMATION * np.eye(2), vector)
-    length = min(float(np.linalg.norm(arc)), 0.5 * math.pi)
-    across, up = (arc * np.sinc(length / math.pi)).tolist()
-    ahead = combined(across, axes[0], up, axes[1])
-    azimuth, elevation = angles(combined(math.cos(length), middle, 1.0, ahead))
+    seen = any(one.seen for one in evidence)
+    used = [one for one in evidence if one.seen == seen]
+    times, values, variances = np.array([(one.time, one.value, one.variance) for one in used]).T
+    normals, begins = np.array([one.normal for one in used]), np.array([one.direction for one in used])
+    time = float(np.average(times, weights=1.0 / variances))
+    azimuth, elevation = angles(np.average(begins, axis=0, weights=1.0 / variances).tolist())
+    middle, axes = np.array(direction_of(azimuth, elevation)), np.array(tangents(azimuth, elevation))
+    rows = normals @ axes.T
+    weighted = (rows / variances[:, None]).T
+    arcs = values + np.sum(normals * (begins - middle), axis=1) + (time - times) * (normals @ np.array(rate))
+    information = weighted @ rows
     (hh, hv), (_, vv) = information.tolist()
-    return Increment(time, seen, azimuth, elevation, hh, hv, vv)
+    ahead = middle + np.linalg.solve(information + LEAST_INFORMATION * np.eye(2), weighted @ arcs) @ axes
+    return Increment(time, seen, *angles(ahead.tolist()), hh, hv, vv)

@@ -16,15 +16,14 @@ from av_fusion.identity.kind import OWN
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows
-from av_fusion.tracks.association import associate
-from av_fusion.tracks.component import ASSOCIATED
-from av_fusion.tracks.component_merging import are_mergeable
-from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, hear
-from av_fusion.tracks.likelihood import WorldCone, WorldDirections
+from av_fusion.tracks.association import Association, associate
+from av_fusion.tracks.component import ASSOCIATED, SOUND
+from av_fusion.tracks.likelihood import UNIFORM_DENSITY, Comparison, Hearing, WorldCone, WorldDirections, hear
+from av_fusion.tracks.mixture import are_mergeable
 from av_fusion.tracks.past_state import Lag
 from av_fusion.tracks.settings import FilterSettings
 from av_fusion.tracks.sight import Image, odds_of
-from av_fusion.tracks.track import SoundComparison, Track
+from av_fusion.tracks.track import Track, audible, presence
 
 LOOK_S = 1.0  # of sound, by which `Doa.drone_probability` is judged
 
@@ -86,7 +85,6 @@ class MultiBernoulliFilter:
         axes = {one.end_fire for one in heard if one.end_fire is not None}
         places = [track.predict(time, axes) for track in self.tracks]
         for track in self.tracks:
-            track.predict_heard(elapsed)
             track.blade_pass.predict(elapsed)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         self._use_sound(time, measurements, heard, places, fraction, look, min(elapsed, LOOK_S))
@@ -99,38 +97,45 @@ class MultiBernoulliFilter:
         detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
         gains = np.array([detected * one.peak / one.clutter for one in heard])
         fundamentals = fundamental_likelihoods(measurements)
-        compared = [track.compare_sound(heard, place, fraction) for track, place in zip(self.tracks, places, strict=True)]
-        shape = len(self.tracks), len(heard)
-        missed = self._missed(compared)
-        ratios = np.array([track.sound_ratios(each, gains, lost)
-                           for track, each, lost in zip(self.tracks, compared, missed, strict=True)]).reshape(shape)
+        compared = [track.compare_sound(time, heard, place) for track, place in zip(self.tracks, places, strict=True)]
+        compared = [audible(each, gains, chance) for each, chance in zip(compared, self._chances(compared), strict=True)]
         voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
-                          ).reshape(shape)
+                          ).reshape(len(compared), len(heard))
         voices /= np.maximum.reduce(voices, initial=1.0)  # an echo sounds alike: only other targets are excluded
-        odds = self._undetected * np.array([one.odds for one in heard])
-        free, shares, unclaimed = associate(ratios * voices, 1.0 + odds)
-        new = unclaimed * odds / (1.0 + odds)
-        for track, each, lost, factors, row in zip(self.tracks, compared, missed, free * voices, shares, strict=True):
+        free, shares, new = self._associate(compared, np.array([one.odds for one in heard]), voices)
+        for track, each, factors, row in zip(self.tracks, compared, free, shares, strict=True):
             if each:
-                track.use_sound(time, each, gains * factors, lost, fraction)
+                track.use_sound(time, each, gains, factors, fraction)
             track.blade_pass.update(fundamentals, row, fraction)
             track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(np.add.reduce(row)))
-        self._note_told_apart(shares)
         for j, existence in enumerate((fraction * new).tolist()):
             begun = self._begin(time, heard[j].source, existence, OWN)
             if begun is not None:
                 for component in begun.mixture.components:
-                    component.newest_doa = time
+                    component.newest_doa, component.hidden = time, {SOUND: (0.0, time)}
                 begun.blade_pass.update(fundamentals[j:j + 1], np.ones(1), fraction)
                 begun.note_kind(Source.SOUND, kinds[j:j + 1], [1.0])
 
-    def _missed(self, compared: Sequence[Sequence[SoundComparison]]) -> list[float]:
-        """Probability for each track that it is not among the directions although it can be heard: another may mask it."""
-        if len(compared) == 1:
-            return [1.0 - self._settings.sound_detection_probability]
-        present = [track.presence(each) for track, each in zip(self.tracks, compared, strict=True)]
-        return [1.0 - self._settings.sound_detection_probability
-                * (1.0 - self._settings.masked * max(present[:k] + present[k + 1:], default=0.0)) for k in range(len(present))]
+    def _chances(self, compared: Sequence[Sequence[Comparison]]) -> list[float]:
+        """Probability of each track that it is among the directions if it can be heard: another one may mask it."""
+        detected, present = self._settings.sound_detection_probability, [presence(each) for each in compared]
+        return [detected * (1.0 - self._settings.masked * max(present[:k] + present[k + 1:], default=0.0))
+                for k in range(len(present))]
+
+    def _associate(self, compared: Sequence[Sequence[Comparison]], odds: NDArray[np.float64],
+                   voices: NDArray[np.float64] | float = 1.0) -> Association:
+        """Which track each measurement of a scan stems from, by the existence of new ones as `unclaimed`.
+
+        Parameters:
+            compared: of the tracks' components with the scan.
+            odds (m,): that each measurement stems from a source rather than from none.
+            voices (t, m): how well each measurement sounds like each track.
+        """
+        odds = self._undetected * odds
+        ratios = np.array([track.ratios(each, len(odds)) for track, each in zip(self.tracks, compared, strict=True)])
+        free, shares, unclaimed = associate(ratios.reshape(len(compared), len(odds)) * voices, 1.0 + odds)
+        self._note_told_apart(shares)
+        return Association(free * voices, shares, unclaimed * odds / (1.0 + odds))
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.
@@ -145,14 +150,11 @@ class MultiBernoulliFilter:
         self._newest_image[camera], self.newest = max(self._newest_image[camera], time), max(self.newest, time)
         places = [track.predict(time) for track in self.tracks]
         image = Image.of(time, measurement, self._motion.attitude(time), settings.assumed_visibility, fraction)
-        for track in self.tracks:
-            track.predict_hidden(image)
         compared = [track.compare_image(image, place) for track, place in zip(self.tracks, places, strict=True)]
-        ratios = np.array([track.image_ratios(each, len(detections))
-                           for track, each in zip(self.tracks, compared, strict=True)]).reshape(len(compared), len(detections))
-        odds = self._undetected * np.array([odds_of(detection) for detection in detections])
-        free, shares, unclaimed = associate(ratios, 1.0 + odds)
-        for track, each, factors in zip(self.tracks, compared, free, strict=True):
+        free, shares, new = self._associate(compared, np.array([odds_of(detection) for detection in detections]))
+        for track, each, factors, row in zip(self.tracks, compared, free, shares.tolist(), strict=True):
+            supporting = [one.score for one, share in zip(detections, row, strict=True) if share > ASSOCIATED]
+            track.score = max(supporting, default=0.0)
             track.use_image(image, each, factors)
         if detections:
             self._newest_sighting[camera] = max(self._newest_sighting[camera], time)
@@ -160,8 +162,6 @@ class MultiBernoulliFilter:
             clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0  # fog lowers scores
             for track, row in zip(self.tracks, shares, strict=True):
                 track.note_kind(Source.SIGHT, scores, (fraction * clear * row).tolist())
-            self._note_told_apart(shares)
-            new = unclaimed * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
                 begun = self._begin(time, WorldDirections([direction]), existence)
                 if begun is not None:

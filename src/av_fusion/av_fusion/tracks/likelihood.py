@@ -9,34 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hypothesis
+from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, DoaMeasurement, Hypothesis
+from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.motion import Elevation
-from av_fusion.tracks.past_state import PastState, Row
+from av_fusion.tracks.past_state import Deviation, PastState, Row
 from av_fusion.tracks.settings import FilterSettings
 
-
-class Deviation(NamedTuple):
-    """A scalar measurement compared with a prediction.
-
-    Parameters:
-        row: derivatives of the measured value with respect to the direction across and up.
-        innovations (k,): measured minus predicted value, in each mode of motion.
-        totals (k,): variance of the innovation.
-        noise: the measurement's part of it.
-    """
-
-    row: Row
-    innovations: NDArray[np.float64]
-    totals: NDArray[np.float64]
-    noise: float
-
-    @classmethod
-    def of(cls, past: PastState, row: Row, innovation: float, noise: float) -> Deviation:
-        """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
-        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
+UNIFORM_DENSITY = 1.0 / math.tau
+LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 
 
 def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
@@ -110,7 +93,7 @@ class WorldDirection(NamedTuple):
         return Deviation.of(past, row, -distance, self.across_variance * max(level, 0.01))
 
 
-class Comparison(NamedTuple):
+class Match(NamedTuple):
     """A measurement compared with what a component predicts.
 
     Parameters:
@@ -120,6 +103,30 @@ class Comparison(NamedTuple):
 
     deviations: Sequence[Deviation]
     direction: WorldDirection | None = None
+
+
+class Comparison(NamedTuple):
+    """A component compared with a scan: the directions of a window of sound, or the detections of an image.
+
+    Parameters:
+        component, past: the component, and its direction at the capture time.
+        matches: each measurement compared with it.
+        hidden: probability that the target can be neither heard nor seen there.
+        chance: probability that the scan shows it otherwise.
+        found (k, m): likelihood of each measurement in each mode of motion, from the target over that of clutter.
+    """
+
+    component: GaussianComponent
+    past: PastState
+    matches: Sequence[Match]
+    hidden: float
+    chance: float
+    found: NDArray[np.float64]
+
+    @property
+    def missed(self) -> float:
+        """Probability that the scan does not show the target."""
+        return self.hidden + (1.0 - self.hidden) * (1.0 - self.chance)
 
 
 class WorldCone(NamedTuple):
@@ -135,10 +142,10 @@ class WorldCone(NamedTuple):
     cosine: float
     variance: float
 
-    def compare(self, past: PastState) -> Comparison:
+    def compare(self, past: PastState) -> Match:
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
-        return Comparison((Deviation(row, self.cosine - means, variances + self.variance, self.variance),))
+        return Match((Deviation(row, self.cosine - means, variances + self.variance, self.variance),))
 
     def births(self, settings: FilterSettings) -> list[GaussianComponent]:
         """Components at both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -213,9 +220,9 @@ class WorldDirections(NamedTuple):
 
     directions: Sequence[WorldDirection]
 
-    def compare(self, past: PastState) -> Comparison:
+    def compare(self, past: PastState) -> Match:
         """See `WorldCone`."""
-        alternatives = [Comparison(direction.deviations(past), direction) for direction in self.directions]
+        alternatives = [Match(direction.deviations(past), direction) for direction in self.directions]
         return min(alternatives, key=lambda one: float(distances(one.deviations).min()))
 
     def births(self, settings: FilterSettings) -> list[GaussianComponent]:
@@ -236,7 +243,7 @@ def normalised(births: list[GaussianComponent]) -> list[GaussianComponent]:
 
 
 def fits_of(deviations: Sequence[Deviation], factor: float = 1.0) -> NDArray[np.float64]:
-    """Likelihood (k,) of a direction of arrival in each mode, by the first deviation, and reduced by the others.
+    """Likelihood (k,) of a direction in each mode, by the first deviation, and reduced by the others.
 
     It is relative to that of a component that predicts the measured value without error and variance: at most 1.
 
@@ -247,6 +254,53 @@ def fits_of(deviations: Sequence[Deviation], factor: float = 1.0) -> NDArray[np.
     squares = sum([one.innovations**2 / (one.totals + (factor - 1.0) * one.noise) for one in deviations])
     first, noise = deviations[0], factor * deviations[0].noise
     return np.asarray(np.exp(-0.5 * squares) * np.sqrt(noise / (first.totals - first.noise + noise)))
+
+
+class Hearing(NamedTuple):
+    """A direction of arrival in the world.
+
+    Parameters:
+        source: compares it with components, and gives those that it may start.
+        confidence: probability that it stems from a source.
+        peak: density of the measurement over a uniform one, at its mode.
+        end_fire: axis in the world at whose vertical plane components are to be split first; None for none.
+    """
+
+    source: WorldCone | WorldDirections
+    confidence: float
+    peak: float
+    end_fire: Vector | None = None
+
+    @property
+    def clutter(self) -> float:
+        """Probability that it stems from no source."""
+        return max(1.0 - self.confidence, LEAST_CLUTTER)
+
+    @property
+    def odds(self) -> float:
+        """Odds that it stems from a source."""
+        return self.confidence / self.clutter
+
+
+def hear(time: float, measurement: DoaMeasurement, settings: FilterSettings, motion: RigMotion) -> Hearing:
+    """A direction of arrival turned into the world.
+
+    Parameters:
+        time (s): its capture time.
+        measurement: the direction in the body frame.
+        settings: see `FilterSettings`.
+        motion: attitude of the rig.
+    """
+    floor = settings.sound_floor_sigma**2
+    variance = min([h.across_variance for h in measurement.hypotheses]) + floor
+    peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(math.tau * variance) / UNIFORM_DENSITY
+    attitude, cone = motion.attitude(time), measurement.cone
+    if cone is None:
+        return Hearing(WorldDirections([WorldDirection.of(hypothesis, attitude, floor)
+                                        for hypothesis in measurement.hypotheses]), measurement.confidence, peak)
+    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared)
+    off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
+    return Hearing(heard, measurement.confidence, peak, heard.axis if off_axis else None)
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import remainder, tau
@@ -11,14 +12,11 @@ from operator import attrgetter
 import numpy as np
 
 from av_fusion.measurement.vectors import Rows, Vector, dot, offset, tangents
-from av_fusion.tracks.component import GaussianComponent, no_evidence
-from av_fusion.tracks.component_merging import are_mergeable, merge, split
+from av_fusion.tracks.component import LEAST, GaussianComponent
 from av_fusion.tracks.motion import MotionModel
 
 AGREEING = math.radians(10.0)  # components closer together are one direction
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
-LEAST_WEIGHT = 1e-6  # least weight of a component
-LEAST_ABSENT = 1e-9  # no target is surer, so that it can still be given up
 _WEIGHT = attrgetter('weight')
 
 
@@ -42,7 +40,7 @@ class GaussianMixture:
         self._primary: GaussianComponent | None = None
         self.components = list(births)
         if on_rig > 0.0:
-            own = replace(max(births, key=_WEIGHT), weight=on_rig / (1.0 - on_rig), on_rig=True, evidence=no_evidence())
+            own = replace(max(births, key=_WEIGHT), weight=on_rig / (1.0 - on_rig), on_rig=True, evidence=deque())
             self.components.append(own)
         for component in self.components:
             component.weight *= existence * (1.0 - on_rig)
@@ -82,8 +80,7 @@ class GaussianMixture:
         components = [component for component in self.components if not component.on_rig]
         total = sum([component.weight for component in components])
         for component in components:
-            left, above = tangents(component.azimuth, component.elevation)
-            apart = np.array(offset(component.direction, left, above, cue))
+            apart = np.array(component.at().offset(cue))
             S = component.covariance[:2, :2] + variance * np.eye(2)
             density = math.exp(-0.5 * float(apart @ np.linalg.solve(S, apart))) / (tau * math.sqrt(float(np.linalg.det(S))))
             component.weight *= wrong + (1.0 - wrong) * density * 2.0 * tau
@@ -110,11 +107,11 @@ class GaussianMixture:
                     merge(other, component)
                     break
             else:
-                if component.weight >= LEAST_WEIGHT:
+                if component.weight >= LEAST:
                     kept.append(component)
                 else:
                     self.absent += component.weight
-        self.absent = max(self.absent, LEAST_ABSENT)
+        self.absent = max(self.absent, LEAST)
         whole = sum([component.weight for component in kept])
         self.on_rig = sum([component.weight for component in kept if component.on_rig]) / whole if kept else 0.0
 
@@ -126,8 +123,7 @@ class GaussianMixture:
 
     def primary(self) -> GaussianComponent | None:
         """The heaviest component of the likely ones; the previous one is kept until another is clearly heavier."""
-        own, previous = self.on_rig > 0.5, self._primary
-        likely = [component for component in self.components if component.on_rig == own]
+        likely, previous = self.likely, self._primary
         heaviest = max(likely, key=_WEIGHT, default=None)
         if (heaviest is None or previous is None or previous not in likely
                 or heaviest.weight > PRIMARY_RATIO * previous.weight):
@@ -154,3 +150,65 @@ class GaussianMixture:
                         math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
             agreeing += component.weight * (apart < AGREEING)
         return agreeing / total
+
+
+def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]:
+    """A component split in two if it extends to both sides of the vertical plane of an axis, else alone.
+
+    A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
+    normal distributions, approximated by Gaussians.
+
+    Parameters:
+        component: the component.
+        axis: unit vector of the axis in the world.
+    """
+    past = component.at()
+    beside, row = past.beside(axis)
+    if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the axis
+        return [component]
+    parts = []
+    for side in (1.0, -1.0):
+        left, shifts, changes = past.beyond(beside, row, ((side, 0.0),), 1.0 - 1e-12)
+        part = replace(component, weight=component.weight * float(component.modes @ left), evidence=component.evidence.copy())
+        part.weigh_modes(left)
+        part.update_moments(past, row, shifts, changes)
+        parts.append(part)
+    return parts
+
+
+def are_mergeable(one: GaussianComponent, other: GaussianComponent) -> bool:
+    """Whether direction and rates of both agree within their standard deviations, so that their sum has one peak."""
+    if one.on_rig != other.on_rig:
+        return False
+    across, up = _offset(one, other)
+    variances = one.covariance.diagonal() + other.covariance.diagonal()
+    return bool(across**2 < variances[0] and up**2 < 2.0 * variances[1]
+                and (other.across_rate - one.across_rate) ** 2 < variances[2]
+                and (other.up_rate - one.up_rate) ** 2 < 9.0 * variances[3])
+
+
+def merge(one: GaussianComponent, other: GaussianComponent) -> None:
+    """Merge another component into one, preserving the moments of the sum; the heavier one's support is kept."""
+    if other.weight > one.weight:
+        one.newest_doa, one.newest_sighting, one.evidence = other.newest_doa, other.newest_sighting, other.evidence
+    total = one.weight + other.weight
+    a, b = one.weight / total, other.weight / total
+    across, up = _offset(one, other)
+    here = replace(other)
+    here.move(*_offset(other, one))
+    difference = np.array([across, up, here.across_rate - one.across_rate, here.up_rate - one.up_rate,
+                           here.inverse_range - one.inverse_range])
+    modes = a * one.modes + b * here.modes
+    share = (b * here.modes / modes)[:, None]
+    apart = here.offsets + difference - one.offsets
+    spread = (share * (1.0 - share) * apart)[:, :, None] * apart[:, None, :]
+    one.covariances = (1.0 - share)[..., None] * one.covariances + share[..., None] * here.covariances + spread
+    one.offsets, one.modes = one.offsets + share * apart, modes
+    one.elevation_measured = one.elevation_measured or other.elevation_measured
+    one.weight = total
+    one.recentre()
+
+
+def _offset(one: GaussianComponent, other: GaussianComponent) -> tuple[float, float]:
+    """Where the mean of another component is in the plane of one, across and up (rad)."""
+    return offset(one.direction, *tangents(one.azimuth, one.elevation), other.direction)

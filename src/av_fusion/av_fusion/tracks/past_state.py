@@ -14,31 +14,6 @@ from av_fusion.measurement.vectors import IDENTITY, ZERO, Rows, Vector, combined
 Row = tuple[float, float]
 
 
-class Alternatives(NamedTuple):
-    """Alternative values of one quantity, of which at most one belongs to a component.
-
-    Parameters:
-        innovations (k, m): measured minus predicted values, of m values in each of k modes.
-        variances (k, m): of the measured values.
-        shares (k, m): probabilities that the values belong to the component; the rest to 1 is that of none.
-    """
-
-    innovations: NDArray[np.float64]
-    variances: NDArray[np.float64]
-    shares: NDArray[np.float64]
-
-    def pooled(self, modes: NDArray[np.float64]) -> Alternatives:
-        """The same of all modes together, with their probabilities (k,)."""
-        return Alternatives((modes @ self.innovations)[None], (modes @ self.variances)[None], (modes @ self.shares)[None])
-
-    def moments(self) -> tuple[NDArray[np.float64], ...]:
-        """By mode, (k,) each: sum of the shares, mean and mean square of the innovations by them, variance of a value."""
-        weighted = self.shares * self.innovations
-        share, mean, square, information = np.add.reduce(
-            (self.shares, weighted, weighted * self.innovations, self.shares / self.variances), axis=-1)
-        return share, mean, square, share / np.maximum(information, 1e-300)
-
-
 class Lag(NamedTuple):
     """How much earlier than a density a measurement is.
 
@@ -149,6 +124,27 @@ class PastState(NamedTuple):
         h, v = dot(normal, self.left), dot(normal, self.above)
         steepness = max(math.hypot(h, v), 1e-9)
         return math.atan2(dot(normal, self.direction), steepness), (h / steepness, v / steepness)
+
+
+class Deviation(NamedTuple):
+    """A scalar measurement compared with a prediction.
+
+    Parameters:
+        row: derivatives of the measured value with respect to the direction across and up.
+        innovations (k,): measured minus predicted value, in each mode of motion.
+        totals (k,): variance of the innovation.
+        noise: the measurement's part of it.
+    """
+
+    row: Row
+    innovations: NDArray[np.float64]
+    totals: NDArray[np.float64]
+    noise: float
+
+    @classmethod
+    def of(cls, past: PastState, row: Row, innovation: float, noise: float) -> Deviation:
+        """The deviation of a value whose derivatives are `row`, by its innovation whatever the mode."""
+        return cls(row, innovation - past.deviations(row), past.variances(row) + noise, noise)
 
 
 def share_within(half_width: float, offset: float, variance: float) -> float:

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import CameraMeasurement, Detection
 from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
 from av_fusion.tracks.component import GaussianComponent
-from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, distances
+from av_fusion.tracks.likelihood import Comparison, Match, WorldDirection, fits_of
 from av_fusion.tracks.past_state import PastState, Row, share_within
+
+OCCLUSION_S = 5.0  # time constant of changes of fog, and of what passes between camera and target
+OCCLUDED = 0.02  # share of the time for which something near hides a target in clear air: the error of resolving by absence
 
 
 class Image(NamedTuple):
@@ -46,26 +48,7 @@ class Image(NamedTuple):
                    measurement.visibility if is_known else visibility, is_known, fraction)
 
 
-class SightComparison(NamedTuple):
-    """An image compared with what a component predicts.
-
-    Parameters:
-        component, past: the component, and its direction at the capture time.
-        directions: each detection compared with it.
-        chance: probability that the target is in view and detected if nothing hides it.
-        missed: probability that the image does not show the target.
-        found (k, m): likelihood ratio of each detection in each mode of motion, from the target over a false one.
-    """
-
-    component: GaussianComponent
-    past: PastState
-    directions: Sequence[Comparison]
-    chance: float
-    missed: float
-    found: NDArray[np.float64]
-
-
-def compare(component: GaussianComponent, past: PastState, image: Image, detected: float) -> SightComparison:
+def compare(component: GaussianComponent, past: PastState, image: Image, detected: float) -> Comparison:
     """A component compared with an image.
 
     Parameters:
@@ -75,19 +58,13 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     """
     in_view = math.prod([extent.share(past) for extent in extents(past, image.view, image.measurement)])
     chance = detected * image.measurement.searched * in_view
-    directions = [Comparison(direction.deviations(past), direction) for direction in image.directions]
+    matches = [Match(direction.deviations(past), direction) for direction in image.directions]
     gain = detected * 2.0 * image.measurement.half_view
-    hidden = component.p_hidden(image.measurement.camera)
-    missed = hidden + (1.0 - hidden) * (1.0 - chance)
-    found = np.array([gain * odds_of(detection) * _densities(one.deviations) for detection, one
-                      in zip(image.measurement.detections, directions, strict=True)])
-    return SightComparison(component, past, directions, chance, missed,
-                           found.reshape(len(directions), len(component.modes)).T)
-
-
-def _densities(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
-    """Density (k,) of a detection under a component in each mode, across; reduced by its deviation up."""
-    return np.asarray(np.exp(-0.5 * distances(deviations)) / np.sqrt(math.tau * deviations[0].totals))
+    found = np.array([gain * odds_of(detection) * fits_of(one.deviations) / math.sqrt(math.tau * one.deviations[0].noise)
+                      for detection, one in zip(image.measurement.detections, matches, strict=True)])
+    hidden = component.p_hidden(image.measurement.camera, image.time, 1.0 - (1.0 - OCCLUDED) * image.visibility, OCCLUSION_S,
+                                image.is_known)
+    return Comparison(component, past, matches, hidden, chance, found.reshape(-1, len(component.modes)).T)
 
 
 class Extent(NamedTuple):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,38 +25,18 @@ from av_fusion.measurement.vectors import (
     turned,
     turned_back,
 )
-from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
+from av_fusion.tracks.component import ASSOCIATED, LEAST, SOUND, GaussianComponent
 from av_fusion.tracks.evidence import Increment, increment
-from av_fusion.tracks.hearing import Hearing
-from av_fusion.tracks.likelihood import Comparison, Deviation, fits_of
+from av_fusion.tracks.likelihood import Comparison, Hearing, fits_of
 from av_fusion.tracks.mixture import GaussianMixture
-from av_fusion.tracks.past_state import NOW, Alternatives, Lag, PastState
+from av_fusion.tracks.past_state import NOW, Lag
 from av_fusion.tracks.settings import FilterSettings
-from av_fusion.tracks.sight import Image, SightComparison, compare, extents
+from av_fusion.tracks.sight import Image, compare, extents
 
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
-LEAST_LIKELIHOOD = 1e-3  # of an image under a component
-LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
 LARGEST_MOVE = math.cos(math.radians(4.0))  # of the direction of what counts as one place in the world
 ON_RIG_SIGMA = math.radians(3.0)  # of places on the body: with speeds of rotors, the middle of what is heard of them moves
 FAR_M = 5.0  # displacement of the rig after which a place has another direction
-
-
-class SoundComparison(NamedTuple):
-    """A component compared with the directions of arrival of one window.
-
-    Parameters:
-        component, past: the component, and its direction at the capture time.
-        directions: compared with each direction.
-        fits (k, m): of each in each mode of motion, see `fits_of`, by the noise of the new part of the window.
-        own (k, m): the same by the noise of the whole window.
-    """
-
-    component: GaussianComponent
-    past: PastState
-    directions: Sequence[Comparison]
-    fits: NDArray[np.float64]
-    own: NDArray[np.float64]
 
 
 class Track:
@@ -100,7 +79,7 @@ class Track:
     @property
     def existence(self) -> float:
         """Probability that the target exists."""
-        return min(max(1.0 - self.mixture.absent, 0.0), 1.0)
+        return 1.0 - self.mixture.absent
 
     @property
     def seen(self) -> float:
@@ -149,56 +128,37 @@ class Track:
             copy.predict(time - self.time, self.mixture.model, not self.kind.is_fixed, moved, turn)
         return copies
 
-    def predict_heard(self, seconds: float) -> None:
-        """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""
-        rate, kept = self._settings.unheard_rate, math.exp(-seconds / self._settings.unheard_time)
-        for component in self.mixture.components:
-            component.p_unheard = rate + kept * (component.p_unheard - rate)
-
-    def compare_sound(self, heard: Sequence[Hearing], lag: Lag, fraction: float) -> list[SoundComparison]:
-        """Each component compared with each direction of arrival of one window.
+    def compare_sound(self, time: float, heard: Sequence[Hearing], lag: Lag) -> list[Comparison]:
+        """Each component compared with each direction of arrival of one window; `found` are their fits, see `audible`.
 
         Parameters:
+            time (s): capture time.
             heard: the directions.
             lag: result of `predict`.
-            fraction: effective sample fraction of the window.
         """
-        compared = []
+        compared, settings = [], self._settings
         for component in self.mixture.components:
             past = component.at(lag)
-            directions = [hearing.source.compare(past) for hearing in heard]
-            fits = np.array([fits_of(direction.deviations, 1.0 / fraction) for direction in directions]).T
-            own = np.array([fits_of(direction.deviations) for direction in directions]).T
-            compared.append(SoundComparison(component, past, directions, fits, own))
+            matches = [hearing.source.compare(past) for hearing in heard]
+            fits = np.array([fits_of(match.deviations) for match in matches]).T
+            unheard = component.p_hidden(SOUND, time, settings.unheard_rate, settings.unheard_time)
+            compared.append(Comparison(component, past, matches, unheard, 1.0, fits))
         return compared
 
-    @staticmethod
-    def presence(compared: Sequence[SoundComparison]) -> float:
-        """Probability that it exists and is where one of the directions is, as far as its density tells places apart.
+    def ratios(self, compared: Sequence[Comparison], count: int) -> NDArray[np.float64]:
+        """Likelihood ratio of each measurement of a scan: that it stems from this target, over that none does, (m,).
 
         Parameters:
-            compared: of the components with the directions.
+            compared: of the components with the scan.
+            count: number of measurements.
         """
-        places = [each.component.weight * (each.component.modes @ each.fits) for each in compared]
-        return float(np.max(sum(places, np.zeros(1))))
+        none, ratios = 1.0, np.zeros(count)
+        for one in compared:
+            none -= one.component.weight * (1.0 - one.missed)
+            ratios += one.component.weight * (one.component.modes @ one.found)
+        return ratios / max(none, LEAST)
 
-    def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float
-                     ) -> NDArray[np.float64]:
-        """Likelihood ratio of each direction of arrival: that it stems from this target, over that none does, (m,).
-
-        Parameters:
-            compared: of the components with the directions.
-            gains (m,): peak likelihood of each direction from a target that can be heard, over clutter.
-            missed: probability that the target is not among the directions although it can be heard.
-        """
-        none, ratios = self.mixture.absent, np.zeros(len(gains))
-        for component, _, _, _, own in compared:
-            audible = component.weight * (1.0 - component.p_unheard)
-            none += component.weight - audible * (1.0 - missed)
-            ratios += audible * (component.modes @ own)
-        return ratios * gains / none
-
-    def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], missed: float,
+    def use_sound(self, time: float, compared: Sequence[Comparison], gains: NDArray[np.float64], free: NDArray[np.float64],
                   fraction: float) -> None:
         """Weigh and update the components by the directions of arrival of one window.
 
@@ -207,23 +167,19 @@ class Track:
 
         Parameters:
             time (s): capture time.
-            compared: of the components with the directions.
-            gains (m,): see `sound_ratios`, times how far each direction is free for this target.
-            missed: see `sound_ratios`.
+            compared, gains: of the components with the directions, see `audible`.
+            free (m,): how far each direction is free for this target.
             fraction: effective sample fraction.
         """
-        tempered = gains**fraction
         for each in compared:
-            component, fits = each.component, each.fits
-            unheard = component.p_unheard
-            totals = unheard + (1.0 - unheard) * (missed**fraction + fits @ tempered)
-            likelihoods = (1.0 - unheard) * each.own * gains
-            shares = likelihoods / (unheard + (1.0 - unheard) * missed + np.add.reduce(likelihoods, axis=1, keepdims=True))
-            total = float(component.modes @ totals)
-            component.p_unheard = unheard / total
-            component.weigh_modes(totals)
-            whole = update_by_directions(time, False, component, each.past, each.directions, shares, fraction)
-            if sum(whole) >= ASSOCIATED:
+            component, unheard, found = each.component, each.hidden, each.found * free
+            shares = found / (each.missed + np.add.reduce(found, axis=1, keepdims=True))
+            fits = np.array([fits_of(match.deviations, 1.0 / fraction) for match in each.matches]).T
+            tempered = unheard + (1.0 - unheard) * ((1.0 - each.chance) ** fraction + fits @ (gains * free) ** fraction)
+            total = float(component.modes @ tempered)
+            component.note_hidden(SOUND, time, unheard / total)
+            component.weigh_modes(tempered)
+            if update_by_directions(time, False, each, shares, fraction) >= ASSOCIATED:
                 component.newest_doa = max(component.newest_doa, time)
             component.weight *= total
             if component.on_rig:
@@ -243,31 +199,12 @@ class Track:
         before, self._moved_on_rig = self._moved_on_rig, max(self._moved_on_rig, float(square))
         return math.exp(0.5 * (before - self._moved_on_rig))
 
-    def predict_hidden(self, image: Image) -> None:
-        """Predict to an image whether the target is hidden from the camera."""
-        for component in self.mixture.components:
-            component.predict_hidden(image.measurement.camera, image.time, image.visibility, image.is_known)
-
-    def compare_image(self, image: Image, lag: Lag) -> list[SightComparison]:
+    def compare_image(self, image: Image, lag: Lag) -> list[Comparison]:
         """Each component compared with an image, which shows no part of the rig; `lag` is the result of `predict`."""
         return [compare(component, component.at(lag), image, self._settings.detection_probability)
                 for component in self.mixture.components if not component.on_rig]
 
-    def image_ratios(self, compared: Sequence[SightComparison], count: int) -> NDArray[np.float64]:
-        """Likelihood ratio of each detection: that it is this target, over that none is, (m,).
-
-        Parameters:
-            compared: of the components with the image.
-            count: number of detections.
-        """
-        none, ratios = self.mixture.absent, np.zeros(count)
-        none += sum([component.weight for component in self.mixture.components if component.on_rig])
-        for comparison in compared:
-            none += comparison.component.weight * comparison.missed
-            ratios += comparison.component.weight * (comparison.component.modes @ comparison.found)
-        return ratios / none
-
-    def use_image(self, image: Image, compared: Sequence[SightComparison], free: NDArray[np.float64]) -> None:
+    def use_image(self, image: Image, compared: Sequence[Comparison], free: NDArray[np.float64]) -> None:
         """Weigh and update the components by an image.
 
         Parameters:
@@ -275,10 +212,8 @@ class Track:
             compared: of the components with it.
             free (m): how far each detection is free for this target.
         """
-        primary, self.score = self.mixture.primary(), 0.0
         for comparison in compared:
-            score = _update_by_image(image, comparison, free, self._settings.detection_probability)
-            self.score = score if comparison.component is primary else self.score
+            _update_by_image(image, comparison, free, self._settings.detection_probability)
         self.mixture.reduce()
 
     def note_kind(self, sensor: Source, probabilities: Sequence[float], looks: Sequence[float], seconds: float = 0.0) -> None:
@@ -316,43 +251,49 @@ class Track:
         self._anchor = None
 
 
-def update_by_directions(time: float, seen: bool, component: GaussianComponent, past: PastState,
-                         directions: Sequence[Comparison], shares: NDArray[np.float64], fraction: float) -> list[float]:
-    """Update a component by the directions of a scan; returns the probability of each that it stems from this component.
+def audible(compared: Sequence[Comparison], gains: NDArray[np.float64], chance: float) -> list[Comparison]:
+    """Components compared with the directions of a window, of which each has a gain.
 
     Parameters:
-        time (s): their capture time.
-        seen: whether by the camera.
-        component, past: the component, and its direction at the capture time.
-        directions: compared with it.
-        shares (k, m): probability of each in each mode that it stems from this component; they sum to at most one.
-        fraction: effective sample fraction. Only the evidence that is kept of images is weakened by it: their errors are
-            alike, so that together they say less than the filter, which moves on, makes of each.
+        compared: result of `Track.compare_sound`.
+        gains (m,): peak likelihood of each direction from a target that can be heard, over clutter.
+        chance: probability that a target that can be heard is among the directions.
     """
-    across, is_cone = [one.deviations[0] for one in directions], directions[0].direction is None
-    _update(time, seen, component, past, across, shares, fraction, is_cone)
-    known = [(j, one.direction) for j, one in enumerate(directions) if one.direction is not None and one.direction.is_known]
-    theirs = shares[:, [j for j, _ in known]]
-    if np.add.reduce(component.modes @ theirs) > LEAST_ELEVATION_ASSOCIATION:
-        past = component.at(past.lag)
-        _update(time, seen, component, past, [direction.deviations(past)[1] for _, direction in known], theirs, fraction)
-        component.elevation_measured = True
-    return np.asarray(component.modes @ shares).tolist()
+    return [each._replace(chance=chance, found=(1.0 - each.hidden) * each.found * gains) for each in compared]
 
 
-def _update(time: float, seen: bool, component: GaussianComponent, past: PastState, deviations: Sequence[Deviation],
-            shares: NDArray[np.float64], fraction: float, keep_elevation: bool = False) -> None:
-    """Update a component by alternative values of one quantity; see `update_by_directions` and `GaussianComponent.update`."""
-    row = deviations[int(np.argmax(component.modes @ shares))].row  # those of directions far away differ
-    noises = np.array([one.noise for one in deviations])
-    curved = np.array([np.maximum(one.totals - past.variances(one.row) - one.noise, 0.0) for one in deviations]).T
-    alternatives = Alternatives(np.array([one.innovations for one in deviations]).T, curved + noises / fraction, shares)
-    component.accept(time, seen, past, row, alternatives)
-    component.update(past, row, alternatives._replace(variances=curved + noises) if seen else alternatives, keep_elevation)
+def presence(compared: Sequence[Comparison]) -> float:
+    """Probability that a target exists and is where one of the directions is, as far as its density tells places apart.
+
+    Parameters:
+        compared: result of `Track.compare_sound`.
+    """
+    places = [each.component.weight * (each.component.modes @ each.found) for each in compared]
+    return float(sum(places, np.zeros(1)).max())
 
 
-def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.float64], detected: float) -> float:
-    """Weigh and update a component by an image; the score of the detection that supports it, 0 if none does.
+def update_by_directions(time: float, seen: bool, compared: Comparison, shares: NDArray[np.float64], fraction: float
+                         ) -> float:
+    """Update a component by the directions of a scan; returns the probability that one of them stems from this component.
+
+    Parameters:
+        time, seen, shares, fraction: see `GaussianComponent.update`.
+        compared: of the component with the directions.
+    """
+    component, past, matches = compared.component, compared.past, compared.matches
+    component.update(time, seen, past, [one.deviations[0] for one in matches], shares, fraction, matches[0].direction is None)
+    whole = component.modes @ shares
+    known = [(j, one.direction) for j, one in enumerate(matches) if one.direction is not None and one.direction.is_known]
+    if known:
+        past, measured = component.at(past.lag), [j for j, _ in known]
+        component.update(time, seen, past, [direction.deviations(past)[1] for _, direction in known], shares[:, measured],
+                         fraction)
+        component.elevation_measured |= bool(np.add.reduce(whole[measured]) >= ASSOCIATED)
+    return float(np.add.reduce(whole))
+
+
+def _update_by_image(image: Image, compared: Comparison, free: NDArray[np.float64], detected: float) -> None:
+    """Weigh and update a component by an image.
 
     Parameters:
         image: the image.
@@ -360,27 +301,24 @@ def _update_by_image(image: Image, compared: SightComparison, free: NDArray[np.f
         free (m,): how far each detection is free for this target.
         detected: probability that a target in view is detected where nothing hides it.
     """
-    component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
-    visible = 1.0 - component.p_hidden(image.measurement.camera)
+    component, missed, hidden = compared.component, compared.missed, compared.hidden
+    likelihood, overlooked = missed, 1.0
     if image.directions:
         found = compared.found * free
-        likelihoods = compared.missed + np.add.reduce(found, axis=1)
-        shares, likelihood = found / likelihoods[:, None], float(component.modes @ likelihoods)
+        likelihoods = missed + np.add.reduce(found, axis=1)
+        likelihood = float(component.modes @ likelihoods)
         component.weigh_modes(likelihoods)  # errors that successive images share are no motion
-        whole = update_by_directions(image.time, True, component, compared.past, compared.directions, shares, image.fraction)
-        score = max((d.score for d, share in zip(image.measurement.detections, whole, strict=True) if share > ASSOCIATED),
-                    default=0.0)
-        if sum(whole) >= ASSOCIATED:
+        if update_by_directions(image.time, True, compared, found / likelihoods[:, None], image.fraction) >= ASSOCIATED:
             component.newest_sighting = max(component.newest_sighting, image.time)
-        hidden = compared.missed / likelihood  # what was detected is not hidden
-    if hidden > ASSOCIATED and visible > 0.0:
-        _update_by_absence(image, compared, visible * detected * image.measurement.searched)
-    component.update_hidden(image.measurement.camera, compared.chance, image.fraction, hidden)
-    component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
-    return score
+        overlooked = missed / likelihood  # what was detected is not hidden
+    if overlooked > ASSOCIATED:
+        _update_by_absence(image, compared, (1.0 - hidden) * detected * image.measurement.searched)
+    unseen = hidden + (1.0 - hidden) * max(1.0 - compared.chance, 1e-3) ** image.fraction
+    component.note_hidden(image.measurement.camera, image.time, hidden * overlooked / unseen)
+    component.weight *= likelihood**image.fraction
 
 
-def _update_by_absence(image: Image, compared: SightComparison, seen: float) -> None:
+def _update_by_absence(image: Image, compared: Comparison, seen: float) -> None:
     """Update a component by an image that does not show it: it is beyond the edges rather than within.
 
     The density is multiplied by the probability that the image does not show the target, as by negative information (Koch, On
