@@ -191,14 +191,11 @@ class GaussianComponent:
         q = float(moving) * model.accelerations + PASSING_S * passing**2
         climb = math.sin(self.elevation) * passing
         q_up = (1.0 - level) * q + level * 2.0 * model.climb_rates**2 / CLIMB_S + PASSING_S * climb**2
-        covariances = self.covariances
-        for k, density in ((0, q), (1, q_up)):
-            covariances[:, k, k] += density * dt**3 / 3.0
-            covariances[:, k, k + 2] += density * dt**2 / 2.0
-            covariances[:, k + 2, k] += density * dt**2 / 2.0
-            covariances[:, k + 2, k + 2] += density * dt
-        covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
-        covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
+        white = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+        self.covariances[:, 0:4:2, 0:4:2] += q[:, None, None] * white
+        self.covariances[:, 1:4:2, 1:4:2] += q_up[:, None, None] * white
+        self.covariances[:, 1, 1] += 0.5 * (1.0 - kept * kept) * self.usual.variance
+        self.covariances[:, 4, 4] += (1.0 - forgotten**2) * model.usual_inverse_range**2
 
     def at(self, lag: Lag = NOW) -> PastState:
         """The direction at the time of a measurement that is earlier by a lag."""
