@@ -22,11 +22,6 @@ UNIFORM_DENSITY = 1.0 / math.tau
 LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 
 
-def distances(deviations: Sequence[Deviation]) -> NDArray[np.float64]:
-    """Square of the distance of a measurement from a prediction, in standard deviations, in each mode (k,)."""
-    return np.asarray(sum([one.innovations**2 / one.totals for one in deviations]))
-
-
 class WorldDirection(NamedTuple):
     """A measured direction.
 
@@ -212,7 +207,7 @@ def expected_cosine(past: PastState, axis: Vector) -> tuple[NDArray[np.float64],
 
 
 class WorldDirections(NamedTuple):
-    """Alternative directions; each component is compared with the one that is nearest in any mode.
+    """Alternative directions; each component is compared with the one that is likeliest in any mode.
 
     Parameters:
         directions: the directions in the world.
@@ -223,7 +218,7 @@ class WorldDirections(NamedTuple):
     def compare(self, past: PastState) -> Match:
         """See `WorldCone`."""
         alternatives = [Match(direction.deviations(past), direction) for direction in self.directions]
-        return min(alternatives, key=lambda one: float(distances(one.deviations).min()))
+        return max(alternatives, key=lambda match: float(fits_of(match.deviations).max()))
 
     def births(self, settings: FilterSettings) -> list[GaussianComponent]:
         """Components at the directions; of mirror images the one at the commoner elevation is the more likely.

@@ -25,10 +25,6 @@ class Elevation(NamedTuple):
     share: float
 
 
-def _elevations(*degrees: tuple[float, float, float]) -> tuple[Elevation, ...]:
-    return tuple(Elevation(math.radians(mean), math.radians(sigma)**2, share) for mean, sigma, share in degrees)
-
-
 @dataclass(frozen=True)
 class MotionModel:
     """Motion of targets as seen from the rig, a jump Markov linear system.
@@ -49,7 +45,8 @@ class MotionModel:
     """
 
     elevation_density: float = 0.001
-    elevations: tuple[Elevation, ...] = _elevations((9.0, 8.0, 0.98), (38.0, 13.0, 0.02))
+    elevations: tuple[Elevation, ...] = (Elevation(math.radians(9.0), math.radians(8.0) ** 2, 0.98),
+                                         Elevation(math.radians(38.0), math.radians(13.0) ** 2, 0.02))
     accelerations: NDArray[np.float64] = field(default_factory=lambda: np.array([0.001, 0.1]), repr=False)
     shares: NDArray[np.float64] = field(default_factory=lambda: np.array([0.8, 0.2]), repr=False)
     sojourn: float = 1.0
