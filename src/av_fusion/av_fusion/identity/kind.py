@@ -23,9 +23,9 @@ HOVER_S, HOVERING = 60.0, 0.03
 # Correlation of the log-likelihood ratios of one target by one sensor: the errors of successive looks are those of one object
 # and one model. With it n looks count as n / (1 + (n - 1) CORRELATION) independent ones (Kish, Survey Sampling, 1965, 5.4).
 CORRELATION = 0.4
-LARGEST = 5.0  # log-likelihood ratio of one look; no model is surer than its training data
+SUREST = 0.9933  # probability of a drone by one look; no model is surer than its training data
 # A low score of a detection says that little of the object can be seen, rather than that it is something else.
-LEAST = {Source.SOUND: -LARGEST, Source.SIGHT: -1.0}
+LEAST_SEEN = -1.0
 
 
 class Kind:
@@ -84,13 +84,9 @@ class Kind:
         """
         total, count = self._sums[sensor]
         for probability, share in zip(probabilities, shares, strict=True):
-            ratio = min(max(log_odds(probability), LEAST[sensor]), LARGEST)
-            if share > 0.0 and not math.isnan(ratio):
-                total, count = total + share * ratio, count + share
+            if share > 0.0 and not math.isnan(probability):
+                bounded = min(max(probability, 1.0 - SUREST), SUREST)
+                ratio = math.log(bounded / (1.0 - bounded))
+                total += share * (max(ratio, LEAST_SEEN) if sensor == Source.SIGHT else ratio)
+                count += share
         self._sums[sensor] = total, count
-
-
-def log_odds(probability: float) -> float:
-    """Log-odds of a probability, of which none counts as certain; NaN of NaN."""
-    bounded = min(max(probability, 1e-3), 1.0 - 1e-3)
-    return math.nan if math.isnan(bounded) else math.log(bounded / (1.0 - bounded))
