@@ -24,7 +24,7 @@ NEWTON_STEPS = 2  # one leaves 0.03 deg to a square of 65 mm at 15 dB: 85 instea
 # A direction (q, a cosine) closer than this to a peak is near it: 20 degrees from broadside.
 NEAR = 0.34
 # Logistic model of the probability that a peak stems from a source, by its significance: 0.5 at 2.8. Both numbers were
-# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing sigma` checks them.
+# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing accuracy` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
 # The scatter is measured at the maximum, where noise is partly fitted, the more so the weaker the peak: the covariance is

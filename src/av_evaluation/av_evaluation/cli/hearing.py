@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 
 from av_common.arguments import number
-from av_evaluation.figures import Figure
 from av_evaluation.hearing import free_field, rooms, wind_hiss
 from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.places import read_responses
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
+from av_evaluation.hearing.trials import Figure
 
 
 def sections(count: int, data: Path, responses: Sequence[Path] = ()
@@ -31,9 +31,6 @@ def sections(count: int, data: Path, responses: Sequence[Path] = ()
     return {
         'accuracy': partial(free_field.accuracy, count, sources),
         'bound': partial(free_field.bound, count),
-        'sigma': partial(free_field.sigma, count, sources),
-        'square': partial(free_field.square, count),
-        'several': partial(free_field.several, min(count, 100), sources),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
         'heads': partial(rooms.heads, data, responses),
         'wind': partial(wind_hiss.wind, min(count, 150), sources),

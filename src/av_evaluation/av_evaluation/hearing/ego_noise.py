@@ -12,12 +12,11 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.figures import Figure
 from av_evaluation.hearing.free_field import WINDOW_S
 from av_evaluation.hearing.peers import PEERS, Srp, azimuths
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import RATE, Source, scaled
-from av_evaluation.hearing.trials import C, Locate, Trials, Window, compare, ours, share
+from av_evaluation.hearing.trials import C, Figure, Locate, Trials, Window, compare, ours, share
 from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.rotor import RotorSignal
 

@@ -33,9 +33,8 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
 from av_common.frames import rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import Srp
-from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD
+from av_evaluation.hearing.trials import CONFIDENCE_THRESHOLD, Figure
 from av_evaluation.metrics.metrics import OUTLIER_DEG
 from av_evaluation.metrics.tracks import angles_between
 

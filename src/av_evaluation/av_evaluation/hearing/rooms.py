@@ -11,7 +11,6 @@ import numpy as np
 
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import wrap
-from av_evaluation.figures import Figure
 from av_evaluation.hearing.peers import PEERS
 from av_evaluation.hearing.places import (
     HEAD_WINDOW_S,
@@ -27,14 +26,14 @@ from av_evaluation.hearing.places import (
     with_own_noise,
 )
 from av_evaluation.hearing.signals import Source, drone_files, load_clip
-from av_evaluation.hearing.trials import Found, Locate, Window, compare, error_figures, ours, share
+from av_evaluation.hearing.trials import Figure, Found, Locate, Window, compare, error_figures, ours, share
 from av_evaluation.metrics.statistics import rmse
 
 ROOMS = 100  # of which windows are drawn
 # The default may be worse than the best of the others by this factor.
 MARGIN = 1.05
 SETTINGS = {
-    'default': LocalizerSettings(), 'published band': LocalizerSettings(wideband=False),
+    'default': LocalizerSettings(),
     **{method: LocalizerSettings(method=method) for method in ('phat', 'music', 'mvdr')}}
 EVEN = ('phat', 'GCC-PHAT', 'SRP-PHAT')
 

@@ -1,8 +1,9 @@
-"""Windows of sound whose direction is known, what methods find in them, and how far that is off."""
+"""Windows of sound whose direction is known, what methods find in them, how far that is off, and figures of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +13,42 @@ from av_audio.localizer import Localizer
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.figures import Figure
 from av_evaluation.metrics.metrics import OUTLIER_DEG
 from av_evaluation.metrics.statistics import INTERVAL, rmse
 
 C = speed_of_sound(20.0)  # m/s
 CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured value with its bounds.
+
+    Parameters:
+        name: description of the value.
+        value: the value.
+        unit: its unit.
+        at_most: upper bound, None without.
+        at_least: lower bound, None without.
+    """
+
+    name: str
+    value: float
+    unit: str = ''
+    at_most: float | None = None
+    at_least: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the value is within its bounds."""
+        return (self.at_most is None or self.value <= self.at_most) and (
+            self.at_least is None or self.value >= self.at_least)
+
+    def __str__(self) -> str:
+        bounds = [f'>= {self.at_least:g}'] if self.at_least is not None else []
+        bounds += [f'<= {self.at_most:g}'] if self.at_most is not None else []
+        verdict = f'must be {" and ".join(bounds)}: {"ok" if self.holds else "MISSED"}' if bounds else ''
+        return f'  {self.name:<66} {self.value:9.4g} {self.unit:<6} {verdict}'.rstrip()
 
 
 class Window(NamedTuple):

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from av_audio.drone_classifier import DroneClassifier, load_model
 from av_audio.localizer import Localizer
 from av_common.angles import angles_to_direction
-from av_evaluation.figures import Figure
 from av_evaluation.hearing.free_field import SETTINGS, WINDOW_S
 from av_evaluation.hearing.peers import PEERS
 from av_evaluation.hearing.places import PAIR
 from av_evaluation.hearing.signals import RATE, Source, add_noise, comb, flat, scaled, simulated
-from av_evaluation.hearing.trials import C, Window, compare, error_figures, ours, share
+from av_evaluation.hearing.trials import C, Figure, Window, compare, error_figures, ours, share
 from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
 from av_simulator.sound.noise import Wind
 
