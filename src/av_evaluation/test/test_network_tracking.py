@@ -81,8 +81,11 @@ def test_headings_and_clocks_are_found():
         assert abs(known.clock - rig.clock_offset) < 4.0 * known.clock_sigma < 0.05
 
 
+SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))    # m
+
+
 def square_of_rigs(seed):
-    rigs = [RigModel(f'rig{number}', (*place, 1.5)) for number, place in enumerate(cases.SQUARE, 1)]
+    rigs = [RigModel(f'rig{number}', (*place, 1.5)) for number, place in enumerate(SQUARE, 1)]
     drones = [cases.flight((20.0 * side, 40.0, 20.0), seed + side) for side in (-1, 1)]
     return NetworkSimulation(rigs, drones, 45.0, seed, link=LinkModel(0.0, 0.0))
 

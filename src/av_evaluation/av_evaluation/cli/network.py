@@ -11,10 +11,10 @@ import numpy as np
 
 from av_common.arguments import number, whole
 from av_evaluation.network import cases, flights
-from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, partition_figures, run
+from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, run
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
-GHOST_S, RATIO, CLOCK_S, HEADING, HEALED_S = 2.0, 1.3, 0.005, math.radians(0.5), 2.0
+GHOST_S, RATIO, CLOCK_S, HEADING = 2.0, 1.3, 0.005, math.radians(0.5)
 SQUARES, COVERAGE, NEES = 1.2, 0.98, (2.0, 4.0)  # of a flight: error over that of least squares, and bounds
 
 
@@ -84,20 +84,6 @@ def offsets(options: argparse.Namespace) -> bool:
     return bool(clock <= CLOCK_S and heading <= HEADING)
 
 
-def partition(options: argparse.Namespace) -> bool:
-    """Two pairs of rigs, each with a node, that hear nothing of each other for 10 s, by a network that delays and loses."""
-    begin, end = cases.PARTITION
-    print('messages 0.2 s late, 20 % lost, two pairs of rigs parted for 10 s, 3 drones')
-    found = []
-    for seed in _seeds(options):
-        first, second = (run(OwnTracker(cases.settings_of(each)), each) for each in cases.parted_pairs(seed))
-        found.append(partition_figures(first, second, begin, end))
-    missed, healed = 100.0 * np.mean([each.missed for each in found]), max(each.healed for each in found)
-    print(f'tracks lost {sum(each.lost for each in found)}, drones without a track meanwhile {missed:.1f} %, '
-          f'one picture after {healed:.1f} s')
-    return all(each.lost == 0 and each.healed <= HEALED_S for each in found)
-
-
 def flight(options: argparse.Namespace) -> bool:
     """Five cameras and hard flights: errors beside plain least squares on the same directions.
 
@@ -135,7 +121,7 @@ def cost(options: argparse.Namespace) -> bool:
 
 
 CASES: dict[str, Callable[[argparse.Namespace], bool]] = {
-    'bound': bound, 'flight': flight, 'drones': drones, 'offsets': offsets, 'partition': partition, 'cost': cost}
+    'bound': bound, 'flight': flight, 'drones': drones, 'offsets': offsets, 'cost': cost}
 
 
 def _seeds(options: argparse.Namespace) -> range:

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel, SensingModel, Trajectory
+from av_evaluation.network.simulation import NetworkSimulation, RigModel, SensingModel, Trajectory
 from av_network.observation import RigSettings
 from av_simulator.trajectories import RandomFlight
 
 HEIGHT_M = 1.5  # of the rigs
 SURVEYED = math.radians(0.1)  # standard deviation of a surveyed heading
-SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))  # m
-PARTITION = (15.0, 25.0)  # s, beginning and end
 TRIANGLE = ((-20.0, 0.0), (20.0, 0.0), (0.0, 35.0))  # m
 
 
@@ -62,21 +60,6 @@ def wrong_clocks(seed: int) -> NetworkSimulation:
     rigs = [RigModel(name, (*place, HEIGHT_M), math.radians(3.0) * sign[0], 0.0 if name == 'a' else 0.05 * sign[1])
             for name, place, sign in zip('abc', TRIANGLE, signs, strict=True)]
     return NetworkSimulation(rigs, _flights(seed, 5), 61.0, seed, SensingModel(seen=1.0))
-
-
-def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
-    """Four rigs on a square and three drones, as nodes beside the first two rigs and beside the others get their reports.
-
-    Messages take 0.2 s and more, a fifth is lost, and from PARTITION on neither pair hears of the other one.
-
-    Parameters:
-        seed: of all draws, the same for both nodes.
-    """
-    rigs = [RigModel(f'rig{index + 1}', (*place, HEIGHT_M)) for index, place in enumerate(SQUARE)]
-    first, second = (NetworkSimulation(rigs, _flights(seed, 3), 40.0, seed, SensingModel(),
-                                       LinkModel(0.2, 0.02, 0.2, PARTITION, others))
-                     for others in (('rig3', 'rig4'), ('rig1', 'rig2')))
-    return first, second
 
 
 def ring(seed: int, rigs: int, drones: int) -> NetworkSimulation:

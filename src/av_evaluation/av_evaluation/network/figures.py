@@ -1,4 +1,4 @@
-"""Figures of a network's tracker: errors, GOSPA, ghosts, consistency; the Cramer-Rao bound; what a partition does."""
+"""Figures of a network's tracker: errors, GOSPA, ghosts, consistency; the Cramer-Rao bound."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 import time as wall
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from scipy import stats
 
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
+from av_network.network_target import TargetState
 from av_network.observation import Report, RigSettings
 from av_network.report_queue import ReportQueue
 from av_network.stage import WAIT_S
@@ -22,16 +22,6 @@ from av_network.tracker import NetworkTracker
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
 STEP_S = 0.1  # between two looks at the targets
 EXPECTED_NEES = 3.0  # of positions
-RETURN_STEPS = 20  # after a partition, in which tracks are there again
-AGREE_M = 5.0  # GOSPA between the pictures of two nodes, up to which they are the same
-
-
-class Estimate(NamedTuple):
-    """A reported target: its id, mean (6,) and covariance (6, 6) of position and velocity."""
-
-    id: int
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
 
 
 class OwnTracker:
@@ -52,12 +42,11 @@ class OwnTracker:
         rig = self.tracker.rigs[report.rig]
         self._queue.put(report, self.tracker.corrected_time(rig, report.time))
 
-    def estimates(self, now: float) -> list[Estimate]:
-        """The targets at a time (s)."""
+    def estimates(self, now: float) -> list[TargetState]:
+        """The targets with a position at a time (s)."""
         for report in self._queue.ready(now):
             self.tracker.use(report)
-        return [Estimate(state.target.id, state.mean, state.covariance) for state in self.tracker.states(now)
-                if state.existence >= 0.5 and state.positioned]
+        return [state for state in self.tracker.states(now) if state.existence >= 0.5 and state.positioned]
 
 
 @dataclass
@@ -71,7 +60,7 @@ class NetworkRun:
 
     times: list[float] = field(default_factory=list)
     truths: list[NDArray[np.float64]] = field(default_factory=list)
-    estimates: list[list[Estimate]] = field(default_factory=list)
+    estimates: list[list[TargetState]] = field(default_factory=list)
     cost: float = 0.0
 
     def gospa(self, after: float) -> tuple[float, float, float]:
@@ -89,12 +78,12 @@ class NetworkRun:
         since: dict[int, float] = {}
         longest = 0.0
         for time, truth, found in zip(self.times, self.truths, self.estimates, strict=True):
-            away = {one.id for one in found if not np.any(np.linalg.norm(truth - one.mean[:3], axis=1) < CUTOFF_M)}
+            away = {one.target.id for one in found if not np.any(np.linalg.norm(truth - one.mean[:3], axis=1) < CUTOFF_M)}
             since = {name: since.get(name, time) for name in away}
             longest = max([longest, *(time - begun + STEP_S for begun in since.values())])
         return longest
 
-    def matched(self, after: float) -> Iterable[tuple[float, NDArray[np.float64], Estimate]]:
+    def matched(self, after: float) -> Iterable[tuple[float, NDArray[np.float64], TargetState]]:
         """Time (s), true position (3,) (m) and estimate of each pair within CUTOFF_M from a time (s) on."""
         for time, truth, found in zip(self.times, self.truths, self.estimates, strict=True):
             if time >= after:
@@ -148,7 +137,7 @@ def run(peer: OwnTracker, simulation: NetworkSimulation, arrivals: Sequence[Arri
     return found
 
 
-def _distances(truth: NDArray[np.float64], found: Sequence[Estimate]) -> NDArray[np.float64]:
+def _distances(truth: NDArray[np.float64], found: Sequence[TargetState]) -> NDArray[np.float64]:
     means = np.array([one.mean[:3] for one in found]).reshape(-1, 3)
     return np.linalg.norm(truth[:, None] - means[None], axis=2)
 
@@ -189,48 +178,3 @@ def mean_bound(simulation: NetworkSimulation, arrivals: Sequence[Arrival], after
         if arrival.time >= after and len(latest) == len(simulation.rigs):
             squared.append(position_bound(simulation.truth(arrival.time)[0], latest.values()) ** 2)
     return math.sqrt(float(np.mean(squared)))
-
-
-class PartitionFigures(NamedTuple):
-    """What a partition does.
-
-    Parameters:
-        lost: number of tracks of either node that had existed before the partition and do not in the 2 s after it.
-        missed: share of drones without a track during the partition, the mean of both nodes.
-        healed (s): time from the end of the partition until both nodes have the same picture, for good; inf if never.
-    """
-
-    lost: int
-    missed: float
-    healed: float
-
-
-def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: float) -> PartitionFigures:
-    """Figures of two nodes' runs.
-
-    Parameters:
-        first, second: with the same times.
-        begin, end (s): of the partition.
-    """
-    times = np.array(first.times)
-    before, after = (int(np.searchsorted(times, moment)) for moment in (begin, end))
-    missed, lost = [], 0
-    for each in (first, second):
-        missed += [1.0 - min(len(found), len(true)) / len(true) for found, true in
-                   zip(each.estimates[before:after], each.truths[before:after], strict=True)]
-        names = [{one.id for one in found} for found in each.estimates]
-        lost += len(names[before] - set().union(*names[after:after + RETURN_STEPS]))
-    apart = [time for time, one, other in zip(times[after:], first.estimates[after:], second.estimates[after:], strict=True)
-             if not agree(one, other)]
-    healed = 0.0 if not apart else math.inf if apart[-1] == times[-1] else max(apart[-1] - end, 0.0)
-    return PartitionFigures(lost, float(np.mean(missed)), float(healed))
-
-
-def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:
-    """Whether two pictures are the same: GOSPA between them, with cut-off CUTOFF_M, of up to AGREE_M.
-
-    A target that only one of them has makes it CUTOFF_M / sqrt(2), which is more; the sum of the squared distances of the
-    others is AGREE_M^2 at most.
-    """
-    places = np.array([each.mean[:3] for each in first]).reshape(-1, 3)
-    return gospa(_distances(places, second), CUTOFF_M).distance <= AGREE_M

@@ -206,14 +206,14 @@ def follow(peer: OwnTracker, simulation: NetworkSimulation, settled: float = 3.0
             arrived.append(waiting.pop().report)
             peer.take(arrived[-1])
         found = peer.estimates(now)
-        names |= {one.id for one in found}
+        names |= {one.target.id for one in found}
         fit = least_squares(arrived[-40:], now)
         if fit is None or now < settled:
             continue
         both, reported = both + 1, reported + bool(found)
         if found:
             latest = peer.tracker.filter.time or 0.0
-            state = next(each for each in peer.tracker.states(latest) if each.target.id == found[0].id)
+            state = next(each for each in peer.tracker.states(latest) if each.target.id == found[0].target.id)
             error, ahead = (state.mean[:3] - simulation.truth(latest)[0], found[0].mean[:3] - simulation.truth(now)[0])
             rows.append((error @ error, np.sum((fit.position - simulation.truth(fit.time)[0]) ** 2), ahead @ ahead,
                          ahead @ np.linalg.solve(found[0].covariance[:3, :3], ahead)))

@@ -72,15 +72,11 @@ class LinkModel:
     Parameters:
         delay (s), jitter (s): least delay of a message, and mean of what comes on top.
         loss: probability that a message is lost.
-        partition (s): beginning and end of a time without messages from `parted`.
-        parted: names of the rigs on the other side.
     """
 
     delay: float = 0.01
     jitter: float = 0.005
     loss: float = 0.0
-    partition: tuple[float, float] = (math.inf, math.inf)
-    parted: tuple[str, ...] = ()
 
 
 class Arrival(NamedTuple):
@@ -208,10 +204,9 @@ class NetworkSimulation:
 
     def _send(self, rig: RigModel, time: float, spells: Sequence[_Spell]) -> list[Arrival]:
         link, random = self.link, self._random
-        begin, end = link.partition
         arrives = time + link.delay + random.exponential(link.jitter)
         sightings = [self._sighting(rig, spell) for spell in spells]
-        if random.random() < link.loss or (rig.name in link.parted and begin <= arrives < end):
+        if random.random() < link.loss:
             return []
         newest = max((one.measured for one in sightings), default=time - rig.clock_offset)
         return [Arrival(arrives, Report(rig.name, newest, np.array(rig.position), tuple(sightings)))]
