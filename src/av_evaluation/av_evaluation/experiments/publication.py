@@ -57,9 +57,7 @@ def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = MET
 
 def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | None]]]:
     """Figures by experiment and method, the content of metrics.json; `all` pools the four experiments of the publication."""
-    pooled = {'all': metrics_of(_four(runs))}
-    if _four(runs, DETECTOR):
-        pooled[f'all{DETECTOR}'] = metrics_of(_four(runs, DETECTOR))
+    pooled = {f'all{kind}': metrics_of(_four(runs, kind)) for kind in ('', DETECTOR) if _four(runs, kind) or not kind}
     return {**pooled, **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
@@ -81,16 +79,14 @@ def make_page(runs: Runs, command: str, quick: bool, methods: Sequence[str] = ME
         'only sound alone is given the true hypothesis, fused is not. Intervals: bootstrap over blocks of 2 s.')
     _table_1(page, runs)
     _table_3(page, runs, methods)
-    for scenario, title in EXPERIMENTS.items():
-        several = runs.get(scenario, ())
-        if several:
+    for name, title in {**EXPERIMENTS, 'filmed': 'A stand-in for physical experiments'}.items():
+        if several := runs.get(name, ()):
             page.heading(title)
+            for note in several[0].notes:
+                page.paragraph(note)
             page.figure(bearing_chart(several[0]), f'{several[0].name}: bearing and error against time. Green: sight leads; '
-                                                    'orange: sound leads.')
+                                                   'orange: sound leads.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
-            if scenario in PUBLISHED:
-                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[scenario]))
-    _stand_ins(page, runs)
     page.heading('All errors')
     page.figure(distribution_chart(_four(runs), methods),
                 'Cumulative distribution of the absolute errors in the four experiments.')
@@ -110,7 +106,7 @@ def _table_1(page: Page, runs: Runs) -> None:
     page.table(['experiment', 'runs', 'sound: RMSE (coverage)', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)',
                 'fused: wrong side', 'front/back resolved in'], rows, ours='the four together',
                theirs=[name for name, *_ in PUBLISHED.values()])
-    page.paragraph('`filmed` stands in for physical experiments, see below. In the publication '
+    page.paragraph('No physical rig was built: `filmed` stands in for its experiments. In the publication '
                    'a drone circles in the simulated experiment, and a loudspeaker stands on a tripod in the physical one.')
 
 
@@ -127,16 +123,3 @@ def _table_3(page: Page, runs: Runs, methods: Sequence[str]) -> None:
     page.table(head, rows, ours=label('fused'))
     page.paragraph('The four experiments together. Methods of sound alone are evaluated at the centre of their window, whose '
                    'delay is their latency; trackers are evaluated at the time of their estimate.')
-
-
-def _stand_ins(page: Page, runs: Runs) -> None:
-    if not runs.get('filmed'):
-        return
-    page.heading('A stand-in for physical experiments')
-    page.paragraph('No physical rig was built; recordings stand in for one. `filmed` is real video of a drone with labelled '
-                   'boxes, processed by the shipped detector, which was not trained on these clips. A real drone\'s sound '
-                   'is filtered with the measured responses of a head at the labelled azimuths. The lens is covered for '
-                   '55 % of each clip.')
-    first = runs['filmed'][0]
-    page.figure(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
-    page.table(*rows_of(metrics_of(runs['filmed'])), ours=label('fused'))

@@ -34,14 +34,9 @@ class Page:
         self._title = title
         self._parts = [f'<h1>{_text(title)}</h1>', f'<p class="lead">{_text(lead)}</p>']
 
-    def heading(self, text: str, level: int = 2) -> None:
-        """Add a heading.
-
-        Parameters:
-            text: of the heading.
-            level: 1 to 6, as in HTML.
-        """
-        self._parts.append(f'<h{level}>{_text(text)}</h{level}>')
+    def heading(self, text: str) -> None:
+        """Add a heading."""
+        self._parts.append(f'<h2>{_text(text)}</h2>')
 
     def paragraph(self, text: str) -> None:
         """Add a paragraph."""
