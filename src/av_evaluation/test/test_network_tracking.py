@@ -35,9 +35,9 @@ def test_error_is_close_to_the_bound(seen):
     assert np.linalg.norm(errors) < 1.3 * np.linalg.norm(bounds)
 
 
-@pytest.mark.parametrize('kind, lasting', [('reversals', 0.0), ('eight', 0.0), ('reversals', 0.2), ('lanes', 0.2)])
+@pytest.mark.parametrize('kind, lasting', [('reversals', 0.0), ('eight', 0.0), ('reversals', 0.2), ('eight', 0.2)])
 def test_hard_flights_are_followed_as_well_as_by_least_squares(kind, lasting):
-    """Stops, reversals, eights and lanes: one id, a position while two cameras see, and an honest covariance.
+    """Stops, reversals and eights: one id, a position while two cameras see, and an honest covariance.
 
     So, too, where directions have errors that last and that the cameras do not state, and headings are 1 deg off.
     """

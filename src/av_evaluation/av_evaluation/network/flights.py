@@ -18,45 +18,25 @@ from av_network.observation import Report
 STEP_S = 0.02  # of the integration of a flight
 ACCELERATION = 5.0  # m/s^2, largest of a commanded change of velocity: camera drones accelerate by 3 to 6 m/s^2
 LAG_S = 0.2  # time constant with which the attitude follows the command
-FASTEST, EIGHT_SPEED, LANE_SPEED = 12.0, 9.0, 6.0  # m/s, with commands, about the mean of eights, along lanes
+FASTEST, EIGHT_SPEED = 12.0, 9.0  # m/s, with commands, and about the mean of eights
 CAMERAS, PRESENCE = 5, 0.85  # their number, and the share of the time for which each measures the drone
 CENTRE = np.array([0.0, 45.0, 18.0])  # m
 EXTENT = np.array([22.0, 22.0, 8.0])  # m, half extents of the box in which it stays
 WINDOW_S = 0.8  # of the reports that are used by least squares: each camera has two or three, at four a second
 
 
-class _Drone:
-    """A multirotor that follows a wanted velocity by accelerations of up to ACCELERATION, with the lag LAG_S.
-
-    Attributes:
-        place (3,) (m), velocity (3,) (m/s): now.
-
-    Parameters:
-        place (3,) (m): at first, where it is at rest.
-    """
-
-    def __init__(self, place: NDArray[np.float64]) -> None:
-        self.place, self.velocity, self._acceleration = place, np.zeros(3), np.zeros(3)
-
-    def fly(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Fly for STEP_S with a wanted velocity (3,) (m/s); returns the new place."""
-        change = (wanted - self.velocity) / 0.3
-        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
-        self._acceleration = self._acceleration + (change - self._acceleration) * STEP_S / LAG_S
-        self.velocity, self.place = self.velocity + self._acceleration * STEP_S, self.place + self.velocity * STEP_S
-        return self.place
-
-
 def stops_and_reversals(seed: int, duration: float) -> Trajectory:
     """A flight by commands of velocity: go, stop, turn back, after 0.8 to 4 s each.
+
+    The multirotor follows them by accelerations of up to ACCELERATION, with the lag LAG_S.
 
     Parameters:
         seed: of the commands.
         duration (s): of the flight.
     """
     random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
-    places, drone = np.zeros((count, 3)), _Drone(CENTRE)
-    wanted, until = np.zeros(3), 0.0
+    places, wanted, until = np.zeros((count, 3)), np.zeros(3), 0.0
+    place, velocity, acceleration = CENTRE, np.zeros(3), np.zeros(3)
     for k in range(count):
         if k * STEP_S >= until:
             until += random.uniform(0.8, 4.0)
@@ -64,9 +44,13 @@ def stops_and_reversals(seed: int, duration: float) -> Trajectory:
             course = random.normal(size=3) * [1.0, 1.0, 0.3]
             course *= random.uniform(0.4, 1.0) * FASTEST / np.linalg.norm(course)
             wanted = np.zeros(3) if kind < 0.25 else -wanted if kind < 0.5 and np.any(wanted) else course
-        outside = np.abs(drone.place + drone.velocity - CENTRE) > EXTENT
-        wanted = np.where(outside, -np.sign(drone.place - CENTRE) * np.maximum(np.abs(wanted), 3.0), wanted)
-        places[k] = drone.fly(wanted)
+        outside = np.abs(place + velocity - CENTRE) > EXTENT
+        wanted = np.where(outside, -np.sign(place - CENTRE) * np.maximum(np.abs(wanted), 3.0), wanted)
+        change = (wanted - velocity) / 0.3
+        change *= min(1.0, ACCELERATION / max(float(np.linalg.norm(change)), 1e-9))
+        acceleration = acceleration + (change - acceleration) * STEP_S / LAG_S
+        velocity, place = velocity + acceleration * STEP_S, place + velocity * STEP_S
+        places[k] = place
     return _interpolated(places)
 
 
@@ -86,34 +70,12 @@ def figure_of_eight(seed: int, duration: float) -> Trajectory:
     return _interpolated(CENTRE + drift + level)
 
 
-def lanes(seed: int, duration: float) -> Trajectory:
-    """A survey: lanes of 30 m and 8 m apart that climb, with a hover of some seconds at each of their ends.
-
-    Parameters:
-        seed: of height and hovers.
-        duration (s): of the flight.
-    """
-    random, count = np.random.default_rng(seed), int(duration / STEP_S) + 2
-    corners = [CENTRE + np.array([15.0 * (-1.0) ** ((k + 1) // 2), 8.0 * (k // 2 % 5) - 16.0, 0.3 * k + random.normal()])
-               for k in range(100)]
-    places, drone, corner, until = np.zeros((count, 3)), _Drone(corners[0]), 1, 0.0
-    for k in range(count):
-        offset = corners[corner] - drone.place
-        away = float(np.linalg.norm(offset))
-        if away < 0.3 and float(np.linalg.norm(drone.velocity)) < 0.5:
-            corner, until = corner + 1, k * STEP_S + random.uniform(0.0, 6.0)
-        speed = min(LANE_SPEED, math.sqrt(ACCELERATION * away)) if k * STEP_S > until else 0.0
-        wanted = speed * offset / max(away, 1e-9)
-        places[k] = drone.fly(wanted)
-    return _interpolated(places)
-
-
 def _interpolated(places: NDArray[np.float64]) -> Trajectory:
     times = STEP_S * np.arange(len(places))
     return lambda time: np.array([np.interp(time, times, axis) for axis in places.T])
 
 
-FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight, 'lanes': lanes}
+FLIGHTS = {'reversals': stops_and_reversals, 'eight': figure_of_eight}
 
 
 def cameras(seed: int, kind: str, duration: float = 60.0, lasting: float = 0.0, heading: float = 0.0) -> NetworkSimulation:
