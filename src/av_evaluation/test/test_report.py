@@ -99,7 +99,8 @@ def test_programs_report_errors_and_how_to_continue(tmp_path, monkeypatch, capsy
     """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
     assert evaluate(['circle', '--methods', 'guessing', '--out', str(tmp_path)]) == 2
     assert "method 'guessing', expected one of fused" in capsys.readouterr().err
-    monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+    monkeypatch.setattr(program, 'as_completed', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+    monkeypatch.setattr(program, 'run_case', len)    # of a case, which is an error
     assert evaluate(['circle', '--out', str(tmp_path)]) == 130
     assert 'the same command continues where it stopped' in capsys.readouterr().err
 

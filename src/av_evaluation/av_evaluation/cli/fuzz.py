@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
-import os
 import signal
 import warnings
 from collections.abc import Callable, Sequence
@@ -226,14 +225,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
     parser.add_argument('--sequences', type=number, default=100_000, help='number of sequences (%(default)s)')
     parser.add_argument('--seed', type=whole, default=0, help='of the first sequence (%(default)s)')
-    parser.add_argument('--processes', type=number, default=os.cpu_count() or 1, help='at a time (%(default)s)')
     options = parser.parse_args(arguments)
     end = options.seed + options.sequences
     jobs = [range(first, min(first + CHUNK, end)) for first in range(options.seed, end, CHUNK)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     found, done = 0, 0
     silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
-    with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(options.processes, *silence) as pool:
+    with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(None, *silence) as pool:
         for seeds, faulty in zip(jobs, pool.imap(faults, jobs), strict=True):
             found, done = found + len(faulty), done + len(seeds)
             for seed, fault in faulty.items():

@@ -57,18 +57,13 @@ class Case:
     data: str = ''
 
     @property
-    def is_bag(self) -> bool:
-        """Whether the input is a bag."""
-        return is_bag(Path(self.input))
-
-    @property
     def name(self) -> str:
         """Name of the run in reports and files."""
         stem = Path(self.input).stem.replace(':', '_')
         if self.data:
             return stem
         rig = f'_{Path(self.rig).stem}' if self.rig else ''
-        return stem if self.is_bag else f'{stem}_{self.seed}{rig}'
+        return stem if is_bag(Path(self.input)) else f'{stem}_{self.seed}{rig}'
 
     @property
     def key(self) -> str:

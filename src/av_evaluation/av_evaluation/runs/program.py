@@ -21,45 +21,6 @@ from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
 
 
-def run_cases(cases: Sequence[Case], out: Path, workers: int, progress: Progress) -> tuple[dict[str, RunResult], list[str]]:
-    """Compute cases, equal ones once; returns their results by key, and which failed, with the reasons.
-
-    Parameters:
-        cases: to compute.
-        out: folder in which results are kept.
-        workers: processes, 0 for one for each core.
-        progress: is shown after each run.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    failures: list[str] = []
-    by_key = {case.key: case for case in cases}
-    results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(out, case.name, key)) is not None}
-    left = [key for key in by_key if key not in results]
-    progress.show(len(results), len(by_key))
-    if not left:
-        return results, failures
-    os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
-    # A keyboard interrupt is reported by this process only.
-    pool = ProcessPoolExecutor(min(workers or os.cpu_count() or 1, len(left)), multiprocessing.get_context('spawn'),
-                               signal.signal, (signal.SIGINT, signal.SIG_DFL))
-    try:
-        running = {pool.submit(run_case, by_key[key]): key for key in left}
-        for future in as_completed(running):
-            key, name = running[future], by_key[running[future]].name
-            try:
-                results[key] = future.result()
-            except (ValueError, OSError) as error:
-                failures.append(f'{name} failed: {error}')
-            except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
-                failures.append(f'{name} failed: {type(error).__name__}: {error}{error.__cause__ or ""}')
-            else:
-                results[key].save(out)
-            progress.show(len(results) + len(failures), len(by_key), name)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    return results, failures
-
-
 class Progress:
     """What is done, on standard error: a line for each tenth.
 
@@ -128,14 +89,37 @@ def run_program(work: Callable[[argparse.Namespace], int], parser: argparse.Argu
 
 def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
             ) -> tuple[dict[str, list[RunResult]], list[str]]:
-    """Compute groups of cases; returns results by group, and which cases failed, with the reasons, which are printed.
+    """Compute groups of cases, equal ones once; returns results by group, and which cases failed, which is printed, too.
 
     Parameters:
         groups: cases by group.
         options: those of `add_run_options`.
     """
-    cases = [case for group in groups.values() for case in group]
-    results, failures = run_cases(cases, options.out / 'runs', options.workers, Progress(quiet=options.quiet))
+    folder, progress, failures = options.out / 'runs', Progress(quiet=options.quiet), list[str]()
+    folder.mkdir(parents=True, exist_ok=True)
+    by_key = {case.key: case for group in groups.values() for case in group}
+    results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(folder, case.name, key)) is not None}
+    left = [key for key in by_key if key not in results]
+    progress.show(len(results), len(by_key))
+    os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
+    # A keyboard interrupt is reported by this process only.
+    workers = max(min(options.workers or os.cpu_count() or 1, len(left)), 1)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'), signal.signal, (signal.SIGINT, signal.SIG_DFL))
+    try:
+        running = {pool.submit(run_case, by_key[key]): key for key in left}
+        for future in as_completed(running):
+            key, name = running[future], by_key[running[future]].name
+            try:
+                results[key] = future.result()
+            except (ValueError, OSError) as error:
+                failures.append(f'{name} failed: {error}')
+            except Exception as error:  # noqa: BLE001  a failed run, such as a method of others, must not end the others
+                failures.append(f'{name} failed: {type(error).__name__}: {error}{error.__cause__ or ""}')
+            else:
+                results[key].save(folder)
+            progress.show(len(results) + len(failures), len(by_key), name)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     for failure in failures:
         print(failure, file=sys.stderr)
     return {name: [results[case.key] for case in group if case.key in results] for name, group in groups.items()}, failures

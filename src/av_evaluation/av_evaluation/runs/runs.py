@@ -16,7 +16,7 @@ from av_evaluation.experiments.physical import FILMED, detection_stage, filmed
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_evaluation.runs.cases import Case
+from av_evaluation.runs.cases import Case, is_bag
 from av_evaluation.runs.evaluation import evaluate_run
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
@@ -38,7 +38,7 @@ def _measure(case: Case) -> tuple[RunLog, list[str]]:
     """Log, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
         return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods), case.model)
-    return _replay(case) if case.is_bag else _simulate(case)
+    return _replay(case) if is_bag(Path(case.input)) else _simulate(case)
 
 
 def _simulate(case: Case) -> tuple[RunLog, list[str]]:
