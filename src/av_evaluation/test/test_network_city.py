@@ -25,36 +25,28 @@ from av_interfaces.msg import RigReport, WorldTrack, WorldTrackArray
 GRID = Grid(2, 100.0, 100.0)
 
 
-def part_of(key):
-    return '/'.join(key.split('/')[2:6])
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_reports_go_to_all_cells_that_a_rig_reaches(seed):
     """Of places within reach of a rig, each is in a cell that takes the rig's reports."""
     grid, random = Grid(4, 200.0, 80.0), np.random.default_rng(seed)
-    parts = {cell: set(grid.parts(cell)) for cell in all_cells(grid, 0, 1)}
+    cells = all_cells(grid, 0, 1)
     for _ in range(200):
         rig, offset = random.uniform(0.0, 800.0, 2), random.normal(size=2)
-        target = np.clip(rig + 79.9 * offset / np.linalg.norm(offset), 0.0, 799.9)
-        assert part_of(grid.report_key('rig', rig)) in parts[grid.cell_of(target)]
-    assert len(parts) == 16 and sorted(all_cells(grid, 0, 2)) + sorted(all_cells(grid, 1, 2)) == sorted(parts)
-    with pytest.raises(ValueError, match='reach is 250 m, expected up to the size of a cell, 200 m'):
-        Grid(4, 200.0, 250.0).parts((0, 0))
+        target = grid.cell_of(np.clip(rig + 79.9 * offset / np.linalg.norm(offset), 0.0, 799.9))
+        x, y = map(int, grid.report_key('rig', rig).split('/')[2:4])
+        assert (x, y) in (target, *grid.neighbours(target))
+    assert len(cells) == 16 and sorted(all_cells(grid, 0, 2)) + sorted(all_cells(grid, 1, 2)) == sorted(cells)
 
 
 def test_drones_keep_their_names_across_borders():
     """2 x 2 cells and 14 rigs that no list names; each drone has one track at a time, and no name changes."""
     world, names = World(GRID, 14, 2, 3), Names(GRID, 2)
     cells = {place: Cell(place, GRID) for place in all_cells(GRID, 0, 1)}
-    takers = {part: [cell for place, cell in cells.items() if part in GRID.parts(place)]
-              for place in cells for part in GRID.parts(place)}
-    parts = [part_of(GRID.report_key('rig', place)) for place in world.places]
     for step in range(60):
         time = 0.25 * step
-        for rig, part in enumerate(parts):
+        for rig in range(len(world.places)):
             message = world.report(rig, time + 0.01 * rig, 1000.0)
-            for cell in takers[part]:
+            for cell in cells.values():    # each is the neighbour of the others
                 cell.on_report(f'rig{rig}', message, 1000.0 + time + 0.1)
         for cell in cells.values():
             message = cell.output(1000.0 + time + 0.2)

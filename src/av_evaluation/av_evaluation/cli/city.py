@@ -114,15 +114,15 @@ def _watch(options: argparse.Namespace, begin: float, others: Sequence[Any], aga
 
     with _session(options) as session:
         subscription = session.declare_subscriber(f'{TRACKS}/**', take)
-        middle, dead = begin + 0.5 * options.duration, False
+        middle = begin + 0.5 * options.duration
+        switches = [middle, middle + options.outage] if options.outage else []
         settled = begin + min(5.0, 0.25 * options.duration)  # from which drones should have tracks
         while (now := time.time()) < begin + options.duration and not _died(others):
-            if options.outage and not dead and now > middle:
+            if switches and now > switches[0]:
                 router.kill()
-                dead = True
-            if dead and not router.is_alive() and now > middle + options.outage:
-                router = again()
-                dead, options.outage = False, 0.0
+                del switches[0]
+                if not switches:
+                    router = again()
             if now > settled:
                 with lock:
                     names.look(now - begin, world.drones(now - begin))
@@ -164,8 +164,8 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
     counts, delays = Counter[str](), list[float]()
     to: dict[str, list[Cell]] = {}
     for cell in cells:
-        for key in [*(f'{REPORTS}/{part}/*' for part in grid.parts(cell.place)),
-                    *(f'{TRACKS}/{x}/{y}' for x, y in grid.neighbours(cell.place))]:
+        around = list(grid.neighbours(cell.place))
+        for key in [*(f'{REPORTS}/{x}/{y}/*' for x, y in (cell.place, *around)), *(f'{TRACKS}/{x}/{y}' for x, y in around)]:
             to.setdefault(key, []).append(cell)
     with _session(options) as session:
         subscriptions = [(session.declare_subscriber(key, RingChannel(MOST_WAITING)), takers) for key, takers in to.items()]

@@ -31,7 +31,6 @@ MOST_SPEED = 200.0  # m/s; the fastest multirotors reach 180 (records of 2025)
 NAMES = 2**16  # of a cell: its number times this, and the number of its track
 SAME_M = 5.0  # between two cells' estimates of one target at the least, as their rigs differ
 SAME_SIGMAS = 4.0
-PARTS = 4  # of a cell along each side, so that a rig's reports go only to the cells that it reaches
 REPORTS, TRACKS = 'av/report', 'av/track'  # beginnings of the keys
 SIGMA = math.radians(0.5)  # of a direction in a report
 HEADING_SIGMA = math.radians(0.2)  # of the surveyed headings
@@ -43,12 +42,12 @@ HITS_M, SHOWN_S = 10.0, 1.0  # farthest from a drone, and oldest, that a track o
 
 @dataclass(frozen=True)
 class Grid:
-    """Square cells from the origin to the east and to the north, each divided into PARTS x PARTS.
+    """Square cells from the origin to the east and to the north.
 
     Parameters:
         cells: along each side.
         size (m): of a cell.
-        reach (m): from a rig to the farthest target that it measures.
+        reach (m): from a rig to the farthest target that it measures, up to the size: rigs reach their cell and its neighbours.
     """
 
     cells: int
@@ -61,10 +60,9 @@ class Grid:
         return x, y
 
     def report_key(self, rig: str, position: NDArray[np.float64]) -> str:
-        """The key of a rig's reports: the part of a cell in which it stands, and its name."""
-        cell = np.array(self.cell_of(position))
-        part = np.clip((position[:2] - self.size * cell) // (self.size / PARTS), 0, PARTS - 1).astype(int)
-        return f'{REPORTS}/{cell[0]}/{cell[1]}/{part[0]}/{part[1]}/{rig}'
+        """The key of a rig's reports: the cell in which it stands, and its name."""
+        x, y = self.cell_of(position)
+        return f'{REPORTS}/{x}/{y}/{rig}'
 
     def neighbours(self, cell: tuple[int, int]) -> Iterator[tuple[int, int]]:
         """The cells around a cell."""
@@ -72,21 +70,6 @@ class Grid:
             for y in range(max(cell[1] - 1, 0), min(cell[1] + 2, self.cells)):
                 if (x, y) != cell:
                     yield x, y
-
-    def parts(self, cell: tuple[int, int]) -> list[str]:
-        """The parts of cells whose rigs reach a cell, as in their keys: east, north, east and north within.
-
-        Raises ValueError for a reach beyond the neighbours.
-        """
-        if self.reach > self.size:
-            raise ValueError(f'reach is {self.reach:g} m, expected up to the size of a cell, {self.size:g} m')
-        depth, all_parts = -int(-self.reach // (self.size / PARTS)), range(PARTS)
-        found = [f'{cell[0]}/{cell[1]}/{x}/{y}' for x in all_parts for y in all_parts]
-        for other in self.neighbours(cell):
-            columns, rows = (all_parts if step == 0 else range(depth) if step > 0 else range(PARTS - depth, PARTS)
-                             for step in (other[0] - cell[0], other[1] - cell[1]))
-            found += [f'{other[0]}/{other[1]}/{x}/{y}' for x in columns for y in rows]
-        return found
 
     def passes(self, cell: tuple[int, int], origin: NDArray[np.float64], unit: NDArray[np.float64], margin: float) -> bool:
         """Whether a direction within its reach comes as near to a cell as a margin (m), seen from above."""
