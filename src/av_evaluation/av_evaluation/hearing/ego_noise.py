@@ -20,7 +20,7 @@ from av_evaluation.hearing.trials import C, Figure, Locate, Trials, Window, comp
 from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.rotor import RotorSignal
 
-RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards; then as much as is known is learned anew
+RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards
 JITTER = 0.015  # of the speeds
 BLADES = 2  # of a rotor
 ROTORS = 0.18 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) + np.array([0.0, 0.0, -0.06])  # m, from the array
@@ -28,7 +28,6 @@ WIND_DB = -10.0  # noise that microphones do not share, over the target
 # Largest share (%) of directions beyond 20 degrees, by microphones and level of own noise over the target in dB.
 LIMITS = {(2, 10.0): 3.0, (2, 15.0): 8.0, (8, 20.0): 0.0, (8, 30.0): 40.0}
 LEVELS_DB = {2: (-5.0, 0.0, 10.0, 15.0, 20.0), 8: (-5.0, 10.0, 20.0, 30.0)}
-LOUDER_DB, STALE_DB = 6.0, (5.0, 10.0)  # of one rotor since the recording, and levels of own noise then tried with a pair
 SETTINGS = {method: LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, method=method) for method in ('ml', 'music')}
 
 
@@ -37,36 +36,24 @@ class Rig:
 
     Attributes:
         recording: of the rig alone.
-        learned: as long, of later.
 
     Parameters:
         array: the microphones.
         seed: of the rotors.
-        louder_db (dB): level of its first rotor over that at the time of the recording.
     """
 
-    def __init__(self, array: MicrophoneArray, seed: int, louder_db: float = 0.0) -> None:
+    def __init__(self, array: MicrophoneArray, seed: int) -> None:
         self.array, count = array, round(RECORDING_S * RATE)
         speeds_hz = np.random.default_rng(seed).uniform(75.0, 110.0, len(ROTORS))
-        sound = _sound(array, ROTORS, speeds_hz, seed)
-        scale, later = 0.1 / sound.std(), sound[count:]
-        if louder_db:  # the vehicle's power is shared among its rotors
-            gain = (10.0 ** (louder_db / 20.0) - 1.0) / np.sqrt(len(ROTORS))
-            later = later + gain * _sound(array, ROTORS[:1], speeds_hz[:1], seed)[count:]
-        recorded, later = ((scale * part).astype(np.float32) for part in (sound[:count], later))
-        self.recording, self.learned = NoiseRecording(recorded, RATE), NoiseRecording(later[-count:], RATE)
-        self._later = later[:-count]
+        rotors = EgoRotors(RotorSignal(speeds_hz.tolist(), BLADES, jitter=JITTER), ROTORS.tolist(), array.positions.tolist())
+        sound = rotors.stream(RATE, array.channels, C, [seed]).read(0, round((RECORDING_S + LATER_S) * RATE)).T
+        sound = (0.1 / sound.std() * sound).astype(np.float32)
+        self.recording, self._later = NoiseRecording(sound[:count], RATE), sound[count:]
 
     def noise(self, rng: Generator, count: int) -> NDArray:
         """Other sound (n, m) of its rotors, of `count` samples."""
         start = int(rng.integers(len(self._later) - count))
         return self._later[start:start + count]
-
-
-def _sound(array: MicrophoneArray, places: NDArray, speeds_hz: NDArray, seed: int) -> NDArray:
-    """Sound (n, m) of rotors at places (r, 3) in m with speeds (r,) in Hz."""
-    rotors = EgoRotors(RotorSignal(speeds_hz.tolist(), BLADES, jitter=JITTER), places.tolist(), array.positions.tolist())
-    return rotors.stream(RATE, array.channels, C, [seed]).read(0, round((2.0 * RECORDING_S + LATER_S) * RATE)).T
 
 
 def window(rng: Generator, rig: Rig, source: Source, level_db: float) -> Window:
@@ -115,19 +102,6 @@ def ego_noise(count: int, sources: dict[str, Source], rigs: int = 4) -> Iterator
             for name, result in _compared(equipped, count, drones, level_db).items():
                 limit = LIMITS.get((microphones, level_db)) if name == 'recording' else None
                 yield from _figures(f'{microphones} microphones, own noise {level_db:+.0f} dB, {name}', result, limit)
-    yield from _stale(count, drones, rigs)
-
-
-def _stale(count: int, drones: list[Source], rigs: int) -> Iterator[Figure]:
-    """A pair whose rotors are not as recorded, and what `learn_ego_noise` makes of it."""
-    changed = [Rig(ARRAYS[0], seed, LOUDER_DB) for seed in range(rigs)]
-    equipped = [(rig, {'stale recording': ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.recording)),
-                       'recording, learned anew': ours(Localizer(rig.array, RATE, SETTINGS['ml'], rig.learned))})
-                for rig in changed]
-    for level_db in STALE_DB:
-        for name, result in _compared(equipped, count, drones, level_db).items():
-            yield from _figures(f'2 microphones, own noise {level_db:+.0f} dB, a rotor {LOUDER_DB:g} dB louder, {name}',
-                                result, None)
 
 
 def _compared(equipped: Sequence[tuple[Rig, dict[str, Locate]]], count: int, drones: list[Source], level_db: float
@@ -144,7 +118,7 @@ def _figures(title: str, result: Trials, limit: float | None) -> Iterator[Figure
     yield Figure(f'{title}: beyond 20 deg', share(result.far), '%', limit)
     if 'recording' in title:
         sure, astray = result.passed, result.far
-        limited = not title.endswith(('music', 'stale recording')) and share(astray) > 10.0
+        limited = not title.endswith('music') and share(astray) > 10.0
         yield Figure(f'{title}: of those confident', 100.0 * np.sum(sure & astray) / max(astray.sum(), 1), '%',
                      10.0 if limited else None)
         yield Figure(f'{title}: of the others confident', 100.0 * np.sum(sure & ~astray) / max((~astray).sum(), 1), '%')
