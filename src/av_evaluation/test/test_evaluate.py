@@ -20,7 +20,7 @@ from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.runs import run_case
 
 FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_resolve_s',
-           'switches', 'latency_ms', 'within'}
+           'latency_ms', 'within'}
 
 
 def one_process(monkeypatch):
@@ -111,7 +111,7 @@ def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
     def run(name, errors, coverage, span):
         time = 0.1 * np.arange(len(errors))
         error = np.array(errors)
-        method = MethodResult(time, time, time, error, error > 90.0, coverage, switches=3.0)
+        method = MethodResult(time, time, time, error, error > 90.0, coverage)
         return RunResult(name, 'key', {'input': name}, span, {'fused': method, 'gated': method})
     for result in (run('a', [3.0] * 30, 1.0, 30.0), run('b', [-4.0] * 9 + [100.0], 0.5, 10.0)):
         result.save(tmp_path)
@@ -121,7 +121,7 @@ def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
     assert figures['coverage'] == pytest.approx(0.875) and figures['outliers'] == pytest.approx(1 / 40)
     assert figures['hemisphere_errors'] == pytest.approx(1 / 40) and figures['median_deg'] == 3.0
     assert figures['worst_rmse_deg'] == pytest.approx(math.sqrt((9 * 16 + 1e4) / 10))
-    assert figures['switches'] == 3.0 and figures['latency_ms'] is None and figures['runs'] == 2
+    assert figures['latency_ms'] is None and figures['runs'] == 2
     assert figures_together(runs, 'music')['rmse_deg'] is None
     assert set(runs[0].methods) == {'fused', 'gated'}
     (tmp_path / 'a-key.npz').write_bytes(b'cut off')

@@ -44,13 +44,12 @@ def figures_of(log: RunLog) -> dict[str, SimpleNamespace]:
 
 
 def test_known_errors_come_out():
-    """RMSE, coverage, switches and time to resolve of a synthetic run."""
+    """RMSE, coverage and time to resolve of a synthetic run."""
     fused, sound, sight = figures_of(circle_log()).values()
     assert fused.rmse_deg == pytest.approx(2.0, abs=0.01) and fused.median_deg == pytest.approx(2.0, abs=0.01)
     assert fused.coverage == 1.0 and fused.outliers == 0.0 and fused.hemisphere_errors < 0.05
     assert sound.rmse_deg <= 5.0 + 1e-6
     assert sight.rmse_deg == pytest.approx(0.0, abs=1e-3) and sight.coverage == pytest.approx(0.5, abs=0.03)
-    assert fused.switches == 1
     assert fused.time_to_resolve_s == pytest.approx(2.1, abs=0.01)
     assert fused.latency_ms == pytest.approx(100.0)
     assert fused.within == 1.0 and figures_of(circle_log(5.0))['fused'].within == 0.0    # sigma is 2.9 deg

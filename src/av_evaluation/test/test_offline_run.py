@@ -11,10 +11,10 @@ import pytest
 
 from av_common.angles import wrap
 from av_common.rig import load_rig
+from av_evaluation.experiments.methods import repeat
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
-from av_evaluation.runs.measurement_record import repeat
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings

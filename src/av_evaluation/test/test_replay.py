@@ -47,7 +47,6 @@ def test_a_bag_of_others_gives_the_true_bearings(tmp_path, storage):
     assert log.sight['azimuth'][0] == pytest.approx(0.3, abs=0.02)
     fused = metrics_of([evaluate_run('', log, SENSES, filtered=False)])['fused']
     assert fused['coverage'] == 1.0
-    assert fused['switches'] >= 1
 
 
 def test_replaying_twice_gives_the_same_bytes(tmp_path):

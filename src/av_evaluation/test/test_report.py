@@ -34,7 +34,7 @@ def made_up(case, error_deg):
 
     def method():
         errors = error_deg + random.normal(0.0, 0.1, len(time))
-        return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), 1.0, 20.0, 1.0, 2.0)
+        return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), 1.0, 20.0, 1.0)
     return RunResult(case.name, case.key, {'input': case.input}, 20.0, {name: method() for name in case.methods},
                      truth={'time': time, 'azimuth': 0.0 * time},
                      state={'time': time, 'state': 1.0 + (time > 10.0), 'sigma': 0.1 + 0.0 * time})

@@ -8,6 +8,7 @@ publication. Other trackers use no truth.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,12 @@ from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.metrics.metrics import TAU
-from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.runs.measurement_record import OWN_METHOD, repeat, with_directions
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
-from av_fusion.settings import TRACKERS, make_tracker
+from av_evaluation.metrics.run_log import Event, RunLog, Series
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis, usable_doas
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.settings import TRACKERS, Tracker, make_tracker
 
+OWN_METHOD = 'ml'  # the rig's own estimator of directions
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
 ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}
@@ -160,3 +162,38 @@ def _median(azimuth: NDArray) -> NDArray:
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(azimuth, MEDIAN // 2, mode='edge'), MEDIAN)
     centre = azimuth[:, None]
     return wrap(azimuth + np.median(wrap(windows - centre), axis=1))
+
+
+def repeat(events: Sequence[Event], tracker: Tracker) -> Series:
+    """Give another tracker the events of a run; its bearings as a series like `RunLog.fused`."""
+    series = RunLog().fused
+    for event in events:
+        if isinstance(event, CameraMeasurement):
+            tracker.add_camera(event)
+        elif isinstance(event, Pose):
+            tracker.add_pose(event)
+        elif isinstance(event, list):
+            tracker.add_doas(event)
+        else:
+            track = tracker.estimate(event)
+            series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
+                       event - track.measured)
+    return series
+
+
+def with_directions(events: Sequence[Event], directions: Sequence[DoaMeasurement]) -> list[Event]:
+    """Events with other directions of arrival in the place of the rig's own, each where its window ends."""
+    waiting = sorted(usable_doas(directions), key=_end, reverse=True)
+    found: list[Event] = []
+    for event in events:
+        if isinstance(event, list):
+            continue
+        while waiting and _end(waiting[-1]) <= (event if isinstance(event, float) else event.time):
+            found.append([waiting.pop()])
+        found.append(event)
+    return [*found, *([one] for one in reversed(waiting))]
+
+
+def _end(measurement: DoaMeasurement) -> float:
+    """End (s) of a measurement's window."""
+    return measurement.time + 0.5 * measurement.window

@@ -1,4 +1,4 @@
-"""Figures of a run: coverage, errors, time to resolve front and back, switches."""
+"""Figures of a run: coverage, errors, time to resolve front and back."""
 
 from __future__ import annotations
 
@@ -112,10 +112,3 @@ def time_to_resolve(log: RunLog, track: Series) -> float:
     right = time[resolved & ~wrong]
     reported = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[track['state'] != State.NONE]])
     return float(max(right[0] - reported.min(), 0.0)) if right.size and reported.size else math.nan
-
-
-def switches(track: Series) -> int:
-    """Number of changes of a track between `VISUAL_ACTIVE` and `ACOUSTIC_ACTIVE`."""
-    state = track['state']
-    leading = state[(state == State.VISUAL_ACTIVE) | (state == State.ACOUSTIC_ACTIVE)]
-    return int(np.count_nonzero(np.diff(leading)))

@@ -35,7 +35,6 @@ class MethodResult:
         coverage: share of the time with a valid bearing.
         latency_ms (ms): from the capture of the newest measurement to the bearing, median.
         time_to_resolve_s (s): to resolve front and back; nan but for trackers.
-        switches: changes between sight and sound; nan but for trackers.
         within: share of the errors within INTERVAL of the stated standard deviations; nan but for trackers.
         held_deg (k, degrees): signed errors of the newest measurement, held until the next one arrives, at the times of fused
             bearings; empty but for sound and sight.
@@ -49,7 +48,6 @@ class MethodResult:
     coverage: float
     latency_ms: float = math.nan
     time_to_resolve_s: float = math.nan
-    switches: float = math.nan
     within: float = math.nan
     held_deg: NDArray = field(default_factory=lambda: np.zeros(0))
 
@@ -127,7 +125,7 @@ def errors_together(runs: Sequence[RunResult], method: str) -> NDArray:
 def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float | None]:
     """Figures of a method over all errors of all runs, as in metrics.json; None where a figure is not defined.
 
-    Coverage is weighted by the lengths of the runs. Time to resolve, switches and latency are medians over runs.
+    Coverage is weighted by the lengths of the runs. Time to resolve and latency are medians over runs.
     `worst_rmse_deg` is the largest RMSE of a run.
 
     Parameters:
@@ -145,7 +143,7 @@ def figures_together(runs: Sequence[RunResult], method: str) -> dict[str, float 
     figures = {'coverage': together, **errors_of(errors_together(runs, method), opposite)}
     each = [rmse(result.error_deg) for _, result in results if result.error_deg.size]
     figures['worst_rmse_deg'] = max(each, default=math.nan)
-    for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
+    for key in ('time_to_resolve_s', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
     figures['held_rmse_deg'] = rmse(np.concatenate([result.held_deg for _, result in results]))

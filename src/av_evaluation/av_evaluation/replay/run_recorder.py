@@ -11,8 +11,8 @@ from av_bags import topics as names
 from av_common.frames import attitude_of, is_orientation
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
+from av_evaluation.experiments.methods import OWN_METHOD
 from av_evaluation.metrics.run_log import Event, RunLog
-from av_evaluation.runs.measurement_record import OWN_METHOD
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 

@@ -14,8 +14,7 @@ COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0
            ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
            ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'),
            ('within', 'in 1.64 σ', 100.0, '{:.0f} %'), ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
-           ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
-           ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
+           ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
 LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
           'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
           'mvdr': 'MVDR'}

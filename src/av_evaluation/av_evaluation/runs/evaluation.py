@@ -9,7 +9,7 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, switches, time_to_resolve
+from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.statistics import INTERVAL
@@ -67,7 +67,7 @@ def _evaluate(method: str, log: RunLog, begin: float, span: float, filtered: boo
                           coverage_of(begin, span, time))
     if is_tracker(method) and not folded:
         series = track(method, log)
-        result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
+        result.time_to_resolve_s = time_to_resolve(log, series)
         sigma = np.degrees(np.interp(error_time, series['time'], series['sigma']))
         result.within = float(np.mean(np.abs(error_deg) < INTERVAL * sigma)) if len(error_deg) else math.nan
         delay = series['delay'][series['state'] > 0]
