@@ -8,8 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from av_evaluation.network import cases, flights
-from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, position_bound, run
+from av_evaluation.network import cases
+from av_evaluation.network.figures import (
+    OwnTracker,
+    follow,
+    least_squares,
+    mean_bound,
+    nees_bounds,
+    position_bound,
+    run,
+)
 from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel
 from av_network.observation import Report, Sighting
 
@@ -41,9 +49,9 @@ def test_hard_flights_are_followed_as_well_as_by_least_squares(kind, lasting):
 
     So, too, where directions have errors that last and that the cameras do not state, and headings are 1 deg off.
     """
-    simulation = flights.cameras(31, kind, 30.0, lasting=math.radians(lasting), heading=math.radians(5.0 * lasting))
+    simulation = cases.cameras(31, kind, 30.0, lasting=math.radians(lasting), heading=math.radians(5.0 * lasting))
     heading = math.radians(3.0 if lasting else 0.3)
-    found = flights.follow(OwnTracker(cases.settings_of(simulation, heading, 0.02)), simulation)
+    found = follow(OwnTracker(cases.settings_of(simulation, heading, 0.02)), simulation)
     assert found.rmse < 1.2 * found.squares and found.rmse < 0.6
     assert found.coverage >= 0.98 and found.names == 1 and 1.5 < found.nees < 4.5
 
@@ -56,9 +64,9 @@ def test_least_squares_finds_a_drone_in_uniform_motion():
         x, y, z = begin + velocity * time - place
         one = Sighting(1, math.atan2(y, x), math.atan2(z, math.hypot(x, y)), np.eye(2) * 1e-4, time)
         reports.append(Report('abc'[k % 3], time, place, (one,)))
-    found = flights.least_squares(reports, 0.6)
+    found = least_squares(reports, 0.6)
     assert found.time == 0.5 and np.allclose(found.position, begin + 0.5 * velocity)
-    assert flights.least_squares(reports[:4], 0.6) is None
+    assert least_squares(reports[:4], 0.6) is None
 
 
 def test_bounds_of_the_nees_hold_in_95_percent():

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from av_common.arguments import number, whole
-from av_evaluation.network import cases, flights
-from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, run
+from av_evaluation.network import cases
+from av_evaluation.network.figures import OwnTracker, follow, mean_bound, nees_bounds, run
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
 GHOST_S, RATIO, CLOCK_S, HEADING = 2.0, 1.3, 0.005, math.radians(0.5)
@@ -92,12 +92,12 @@ def flight(options: argparse.Namespace) -> bool:
     print('five cameras, drop-outs, clocks 10 ms off: error now, for the newest direction, and of least squares for the same')
     print(f'{"":<20}{"now":>9}{"newest":>9}{"squares":>9}{"coverage":>10}{"NEES (3)":>10}{"ids":>5}')
     reached = []
-    for kind, lasting in itertools.product(flights.FLIGHTS, (0.0, 0.2)):
+    for kind, lasting in itertools.product(cases.FLIGHTS, (0.0, 0.2)):
         rows = []
         for seed in _seeds(options):
-            simulation = flights.cameras(seed, kind, lasting=math.radians(lasting), heading=math.radians(5.0 * lasting))
+            simulation = cases.cameras(seed, kind, lasting=math.radians(lasting), heading=math.radians(5.0 * lasting))
             known = cases.settings_of(simulation, math.radians(3.0 if lasting else 0.3), 0.02)
-            rows.append(flights.follow(OwnTracker(known), simulation))
+            rows.append(follow(OwnTracker(known), simulation))
         newest, squares, now = np.sqrt(np.mean(np.square([row[:3] for row in rows]), axis=0))
         coverage, names = min(row.coverage for row in rows), max(row.names for row in rows)
         nees = float(np.mean([row.nees for row in rows]))

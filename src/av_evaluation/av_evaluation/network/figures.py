@@ -1,11 +1,13 @@
-"""Figures of a network's tracker: errors, GOSPA, ghosts, consistency; the Cramer-Rao bound."""
+"""Figures of a network's tracker: errors, GOSPA, ghosts, consistency; the Cramer-Rao bound and least squares."""
 
 from __future__ import annotations
 
 import math
 import time as wall
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from scipy import stats
 
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
+from av_network import sphere
 from av_network.network_target import TargetState
 from av_network.observation import Report, RigSettings
 from av_network.report_queue import ReportQueue
@@ -21,6 +24,7 @@ from av_network.tracker import NetworkTracker
 
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
 STEP_S = 0.1  # between two looks at the targets
+WINDOW_S = 0.8  # of the reports that are used by least squares: each camera has two or three, at four a second
 EXPECTED_NEES = 3.0  # of positions
 
 
@@ -178,3 +182,87 @@ def mean_bound(simulation: NetworkSimulation, arrivals: Sequence[Arrival], after
         if arrival.time >= after and len(latest) == len(simulation.rigs):
             squared.append(position_bound(simulation.truth(arrival.time)[0], latest.values()) ** 2)
     return math.sqrt(float(np.mean(squared)))
+
+
+class Fit(NamedTuple):
+    """A position (3,) (m) by least squares, at a time (s)."""
+
+    time: float
+    position: NDArray[np.float64]
+
+
+def least_squares(reports: Sequence[Report], now: float) -> Fit | None:
+    """Where a drone in uniform motion fits the directions of the last WINDOW_S best, at the newest time of these.
+
+    Gauss-Newton from where the lines meet, without any prior; None where fewer than two rigs have two directions. Clocks and
+    headings are taken for right.
+
+    Parameters:
+        reports: of one drone, that have arrived.
+        now (s): the present.
+    """
+    used = [(report, one) for report in reports for one in report.sightings if now - one.measured < WINDOW_S]
+    if sum(count > 1 for count in Counter(report.rig for report, _ in used).values()) < 2:
+        return None
+    places, times = np.array([report.position for report, _ in used]), np.array([one.measured for _, one in used])
+    angles = np.array([(one.azimuth, one.elevation) for _, one in used])
+    across = sphere.axes(angles)  # (k, 2, 3)
+    time, distances = float(np.max(times)), np.ones(len(used))
+    for _ in range(4):
+        weights = 1.0 / (distances * np.sqrt([one.covariance[0, 0] for _, one in used]))
+        rows = np.concatenate([across, (times - time)[:, None, None] * across], 2) * weights[:, None, None]
+        values = np.einsum('kij,kj->ki', across, places) * weights[:, None]
+        state = np.linalg.lstsq(rows.reshape(-1, 6), values.reshape(-1), rcond=None)[0]
+        distances = np.maximum(np.linalg.norm(state[:3] - places, axis=1), 1.0)
+    return Fit(time, state[:3])
+
+
+class FlightFigures(NamedTuple):
+    """How well a drone is followed that two rigs or more measure.
+
+    Parameters:
+        rmse (m): of the tracker for the time of the newest direction that it has used.
+        squares (m): of `least_squares` at the same steps.
+        present (m): of the tracker for the present, which is later.
+        coverage: share of the steps at which two rigs or more measure it with a position.
+        nees: mean normalised estimation error squared of the position, 3 being expected.
+        names: number of ids.
+    """
+
+    rmse: float
+    squares: float
+    present: float
+    coverage: float
+    nees: float
+    names: int
+
+
+def follow(peer: OwnTracker, simulation: NetworkSimulation, settled: float = 3.0) -> FlightFigures:
+    """Run a tracker on a flight of one drone.
+
+    Parameters:
+        peer: the tracker.
+        simulation: the flight.
+        settled (s): beginning, which is not counted.
+    """
+    waiting, arrived, names, rows = simulation.arrivals()[::-1], [], set(), []
+    both = reported = 0
+    for now in np.arange(STEP_S, simulation.duration, STEP_S).tolist():
+        while waiting and waiting[-1].time <= now:
+            arrived.append(waiting.pop().report)
+            peer.take(arrived[-1])
+        found = peer.estimates(now)
+        names |= {one.target.id for one in found}
+        fit = least_squares(arrived[-40:], now)
+        if fit is None or now < settled:
+            continue
+        both, reported = both + 1, reported + bool(found)
+        if found:
+            latest = peer.tracker.filter.time or 0.0
+            state = next(each for each in peer.tracker.states(latest) if each.target.id == found[0].target.id)
+            error, ahead = (state.mean[:3] - simulation.truth(latest)[0], found[0].mean[:3] - simulation.truth(now)[0])
+            rows.append((error @ error, np.sum((fit.position - simulation.truth(fit.time)[0]) ** 2), ahead @ ahead,
+                         ahead @ np.linalg.solve(found[0].covariance[:3, :3], ahead)))
+    squared, fitted, ahead, nees = np.mean(rows, axis=0) if rows else np.full(4, math.nan)
+    return FlightFigures(math.sqrt(squared), math.sqrt(fitted), math.sqrt(ahead), reported / max(both, 1), float(nees),
+                         len(names))
