@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
+from av_evaluation.metrics.metrics import blocks_of, rmse, rmse_interval
 
 
 def test_the_interval_of_single_values_is_that_of_the_normal_law():

@@ -20,8 +20,12 @@ SQUARES, COVERAGE, NEES = 1.2, 0.98, (2.0, 4.0)  # of a flight: error over that 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the cases' tables; returns 1 where something is not as good as asked."""
-    parser = _parser()
+    parser = argparse.ArgumentParser(prog='network', description=__doc__)
+    parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
+    parser.add_argument('--seeds', type=number, default=5, help='runs of each case (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
     options = parser.parse_args(arguments)
+    options.runs = range(options.seed, options.seed + options.seeds)
     if unknown := set(options.cases) - set(CASES):
         parser.error(f'case {", ".join(sorted(unknown))}, expected some of {", ".join(CASES)}')
     reached = [CASES[name](options) for name in options.cases]
@@ -35,7 +39,7 @@ def bound(options: argparse.Namespace) -> bool:
     ratios, consistent = [], []
     for name, seen in (('seen', 1.0), ('heard', 0.0)):
         rows = []
-        for seed in _seeds(options):
+        for seed in options.runs:
             simulation = cases.two_rigs(seed, seen=seen)
             arrivals = simulation.arrivals()
             found = run(OwnTracker(cases.settings_of(simulation)), simulation, arrivals)
@@ -54,7 +58,7 @@ def drones(options: argparse.Namespace) -> bool:
     print('three rigs, five drones, each measured for half of the time')
     print(f'{"GOSPA":>8}{"missed":>10}{"false":>7}{"error":>9}{"NEES (3)":>10}{"95 % bounds":>14}{"longest ghost":>15}'
           f'{"of a core":>11}')
-    simulations = [cases.five_drones(seed) for seed in _seeds(options)]
+    simulations = [cases.five_drones(seed) for seed in options.runs]
     runs = [run(OwnTracker(cases.settings_of(simulation)), simulation) for simulation in simulations]
     distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
     error, means = np.mean([each.rmse(SETTLED_S) for each in runs]), [float(np.mean(each.nees(SETTLED_S))) for each in runs]
@@ -69,7 +73,7 @@ def offsets(options: argparse.Namespace) -> bool:
     """Clocks and headings that are wrong: what is left of that after a minute."""
     print('clocks 50 ms off, headings 3 deg off, after 60 s: RMS, and over the standard deviation that is stated')
     clocks, headings = [], []
-    for seed in _seeds(options):
+    for seed in options.runs:
         simulation = cases.wrong_clocks(seed)
         peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
         run(peer, simulation)
@@ -94,7 +98,7 @@ def flight(options: argparse.Namespace) -> bool:
     reached = []
     for kind, lasting in itertools.product(cases.FLIGHTS, (0.0, 0.2)):
         rows = []
-        for seed in _seeds(options):
+        for seed in options.runs:
             simulation = cases.cameras(seed, kind, lasting=math.radians(lasting), heading=math.radians(5.0 * lasting))
             known = cases.settings_of(simulation, math.radians(3.0 if lasting else 0.3), 0.02)
             rows.append(follow(OwnTracker(known), simulation))
@@ -122,15 +126,3 @@ def cost(options: argparse.Namespace) -> bool:
 
 CASES: dict[str, Callable[[argparse.Namespace], bool]] = {
     'bound': bound, 'flight': flight, 'drones': drones, 'offsets': offsets, 'cost': cost}
-
-
-def _seeds(options: argparse.Namespace) -> range:
-    return range(options.seed, options.seed + options.seeds)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='network', description=__doc__)
-    parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
-    parser.add_argument('--seeds', type=number, default=5, help='runs of each case (%(default)s)')
-    parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
-    return parser

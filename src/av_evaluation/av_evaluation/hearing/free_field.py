@@ -18,7 +18,7 @@ from av_evaluation.hearing.places import PAIR, free_field
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 from av_evaluation.hearing.trials import C, Figure, Trials, compare, error_figures, ours, share
-from av_evaluation.metrics.statistics import rmse
+from av_evaluation.metrics.metrics import rmse
 
 WINDOW_S = 0.5  # the default of doa_node
 COST_S = 10.0  # of sound, of which the processor time is measured

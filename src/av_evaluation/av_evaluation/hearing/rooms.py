@@ -27,7 +27,7 @@ from av_evaluation.hearing.places import (
 )
 from av_evaluation.hearing.signals import Source, drone_files, load_clip
 from av_evaluation.hearing.trials import Figure, Found, Locate, Window, compare, error_figures, ours, share
-from av_evaluation.metrics.statistics import rmse
+from av_evaluation.metrics.metrics import rmse
 
 ROOMS = 100  # of which windows are drawn
 # The default may be worse than the best of the others by this factor.

@@ -13,8 +13,7 @@ from av_audio.localizer import Localizer
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.metrics.metrics import OUTLIER_DEG
-from av_evaluation.metrics.statistics import INTERVAL, rmse
+from av_evaluation.metrics.metrics import INTERVAL, OUTLIER_DEG, rmse
 
 C = speed_of_sound(20.0)  # m/s
 CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used

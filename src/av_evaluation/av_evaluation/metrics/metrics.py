@@ -1,11 +1,13 @@
-"""Figures of a run: coverage, errors, time to resolve front and back."""
+"""Figures of a run: coverage, errors and their interval, time to resolve front and back."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from av_common.angles import wrap
 from av_common.track import State
@@ -15,6 +17,9 @@ GRID_HZ = 20.0  # the rate of fusion
 VALID_S = 0.25  # a bearing counts this long for coverage
 OUTLIER_DEG = 20.0  # beyond which a bearing is wrong
 TAU = 0.5  # score from which a detection counts
+BLOCK_S = 2.0  # errors of successive windows are correlated: resampling them singly gives too short an interval
+INTERVAL = 1.64  # standard deviations, within which are 90 % of Gaussian errors
+LEVEL, RESAMPLES = 0.95, 2000  # of the interval: its probability, and the number of bootstrap samples
 
 
 def acquired(log: RunLog) -> float:
@@ -73,7 +78,7 @@ def errors_of(error_deg: NDArray, opposite: NDArray) -> dict[str, float]:
         opposite (m,): whether front and back are confused; empty where that is not defined.
     """
     error = np.abs(error_deg) if len(error_deg) else np.array([math.nan])
-    return {'rmse_deg': float(np.sqrt(np.mean(error**2))), 'mae_deg': float(np.mean(error)),
+    return {'rmse_deg': rmse(error), 'mae_deg': float(np.mean(error)),
             'median_deg': float(np.median(error)), 'p95_deg': float(np.percentile(error, 95)),
             'outliers': float(np.mean(error > OUTLIER_DEG)) if len(error_deg) else math.nan,
             'hemisphere_errors': float(np.mean(opposite)) if len(opposite) and len(error_deg) else math.nan}
@@ -112,3 +117,38 @@ def time_to_resolve(log: RunLog, track: Series) -> float:
     right = time[resolved & ~wrong]
     reported = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[track['state'] != State.NONE]])
     return float(max(right[0] - reported.min(), 0.0)) if right.size and reported.size else math.nan
+
+
+def rmse(errors: ArrayLike) -> float:
+    """Root of the mean square of errors (n,); NaN of none."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if np.size(errors) else math.nan
+
+
+def blocks_of(time: NDArray, values: NDArray) -> list[NDArray]:
+    """Cut a series into blocks of BLOCK_S for `rmse_interval`.
+
+    Parameters:
+        time (n, s): increasing.
+        values (n,): at these times.
+    """
+    if not len(time):
+        return []
+    cuts = np.flatnonzero(np.diff(np.floor((time - time[0]) / BLOCK_S))) + 1
+    return np.split(values, cuts)
+
+
+def rmse_interval(blocks: Sequence[NDArray]) -> tuple[float, float]:
+    """Confidence interval of the RMSE by the block bootstrap (Kuensch, 1989), percentile method; nan for fewer than two blocks.
+
+    Blocks of one value each make the ordinary bootstrap (Efron, 1979).
+
+    Parameters:
+        blocks: of errors, each drawn as a whole with replacement.
+    """
+    if len(blocks) < 2:
+        return math.nan, math.nan
+    sums = [np.sum(np.square(block)) for block in blocks], [len(block) for block in blocks]
+    low, high = stats.bootstrap(
+        sums, lambda squares, counts, axis: np.sqrt(squares.sum(axis) / counts.sum(axis)), paired=True, method='percentile',
+        confidence_level=LEVEL, n_resamples=RESAMPLES, random_state=1).confidence_interval
+    return float(low), float(high)

@@ -14,8 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from av_evaluation.metrics.metrics import errors_of
-from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
+from av_evaluation.metrics.metrics import blocks_of, errors_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
 MOST_BYTES = 1_000_000_000    # of a kept result, decompressed

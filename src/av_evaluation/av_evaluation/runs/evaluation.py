@@ -9,10 +9,9 @@ import numpy as np
 
 from av_common.track import State
 from av_evaluation.experiments.methods import UnavailableError, bearings, is_folded, is_tracker, track
-from av_evaluation.metrics.metrics import acquired, compare, coverage_of, held_errors, time_to_resolve
+from av_evaluation.metrics.metrics import INTERVAL, acquired, compare, coverage_of, held_errors, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult, metrics_of, write_json
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.metrics.statistics import INTERVAL
 from av_evaluation.report.text import format_rows, rows_of
 
 SENSES = ('fused', 'sound', 'sight')  # which need no events
@@ -65,17 +64,16 @@ def _evaluate(method: str, log: RunLog, begin: float, span: float, filtered: boo
     folded = is_folded(method)
     result = MethodResult(time, azimuth, error_time, error_deg, np.zeros(0, bool) if folded else opposite,
                           coverage_of(begin, span, time))
-    if is_tracker(method) and not folded:
+    if is_tracker(method):
         series = track(method, log)
-        result.time_to_resolve_s = time_to_resolve(log, series)
-        sigma = np.degrees(np.interp(error_time, series['time'], series['sigma']))
-        result.within = float(np.mean(np.abs(error_deg) < INTERVAL * sigma)) if len(error_deg) else math.nan
-        delay = series['delay'][series['state'] > 0]
-    elif is_tracker(method) and method != 'moving_average':
-        delay = np.zeros(0)
+        delay = series['delay'][series['state'] != State.NONE]
     else:
         series = log.sight if method == 'sight' else log.sound
         delay = series['delay']
+    if is_tracker(method) and not folded:
+        result.time_to_resolve_s = time_to_resolve(log, series)
+        sigma = np.degrees(np.interp(error_time, series['time'], series['sigma']))
+        result.within = float(np.mean(np.abs(error_deg) < INTERVAL * sigma)) if len(error_deg) else math.nan
     if method in ('sound', 'sight'):
         fused = log.fused['time'][log.fused['state'] != State.NONE]
         arrival = dict(zip(series['time'], series['time'] + series['delay'], strict=True))
