@@ -263,6 +263,15 @@ def test_a_sender_whose_clock_stood_still_is_followed(rng):
     assert most_error(sent) < MOST_ERROR and share(sent, begin=13.0 + REDATED) == 1.0 and clock.restarts == 1
 
 
+def test_a_stamp_that_is_repeated_does_not_become_new(rng):
+    """As of a simulator that is paused, and sends on."""
+    sent = stream(rng, seconds=8.0, clock=lambda true: min(true, 3.0))
+    date(sent)
+    repeated = [one for one in sent if one.true >= 3.0]
+    assert max(one.dated for one in repeated if one.dated is not None) < 3.0 + MOST_ERROR
+    assert share(sent, begin=3.2) == 0.0
+
+
 @pytest.mark.parametrize('step', [-1e9, -3600.0, -0.5, 3600.0, 1e8])
 def test_after_a_step_of_the_system_clock_stamps_are_of_the_new_time(rng, step):
     clock, dated = SenderClock(), []
