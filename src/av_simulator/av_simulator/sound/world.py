@@ -54,6 +54,8 @@ class SoundWorld:
         self._noise_stream: Stream | None = None
         self._noise_gain = 1.0
         self._next = 0
+        snr = self._noise.snr
+        self._wanted_noise = 0.0 if snr is None else self._power_of_reference(snr) / 10.0 ** (snr.ratio_db / 10.0)    # Pa^2
 
     def skip(self, n: int) -> None:
         """Leave out the next `n` samples. What follows is as if they had been rendered, but for 20 ms and for reverberation."""
@@ -92,8 +94,7 @@ class SoundWorld:
         snr = self._noise.snr
         if snr is not None:
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
-            wanted = self._power_of_reference(snr) / 10.0 ** (snr.ratio_db / 10.0)
-            self._noise_gain = float(np.sqrt(wanted / band_power(steady, self._rate, snr.band_hz)))
+            self._noise_gain = float(np.sqrt(self._wanted_noise / band_power(steady, self._rate, snr.band_hz)))
         return noise
 
     def _power_of_reference(self, snr: Snr) -> float:
