@@ -60,7 +60,7 @@ class ArraySelfCalibration(SelfCalibration):
             azimuth (rad): approximate azimuth of the target from the nominal axis.
         """
         across, *along = sensitivities(azimuth, 0.0)
-        offset, *others = self._values
+        offset, *others = self.values
         turned, common = across * offset, measured - sum(map(mul, along, others))
         return min(max(common - turned, -1.0), 1.0), min(max(common + turned, -1.0), 1.0)
 

@@ -38,7 +38,7 @@ class CameraAlignment(SelfCalibration):
         """The measurement by the camera as it is turned."""
         if not self.compared:
             return measurement
-        x, y, z = self._values
+        x, y, z = self.values
         turn, view = rotation(quaternion_of((x, y, z))), measurement.view
         detections = []
         for one in measurement.detections:

@@ -25,6 +25,7 @@ class SelfCalibration:
 
     Attributes:
         compared: number of comparisons used so far.
+        values (n,): the parameters, in the order of their names.
 
     Parameters:
         names: of the parameters.
@@ -40,13 +41,8 @@ class SelfCalibration:
         self._covariance = np.linalg.inv(self._prior)
         self._vector = np.zeros(len(names))
         self._time = -math.inf
-        self._values = [0.0] * len(names)
+        self.values = [0.0] * len(names)
         self.compared = 0
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """The parameters (n,), in the order of their names."""
-        return np.array(self._values)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -75,7 +71,7 @@ class SelfCalibration:
         seconds = min(max(time - self._time, 0.01), SIGHT_CORRELATION_S)
         spread = np.array(variances) + np.array(lasting) * (SIGHT_CORRELATION_S / seconds)
         total = np.add.reduce(rows.dot(self._covariance) * rows, axis=1) + spread
-        used = (left - rows.dot(self._values)) ** 2 <= GATE**2 * total
+        used = (left - rows.dot(self.values)) ** 2 <= GATE**2 * total
         if not np.logical_or.reduce(used):
             return False
         kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / MEMORY_S)
@@ -84,7 +80,7 @@ class SelfCalibration:
         self._gained = kept * self._gained + rows[used].T.dot(weighed)
         self._vector = kept * self._vector + left[used].dot(weighed)
         self._covariance = np.linalg.inv(self._prior + self._gained)
-        self._values = np.minimum(np.maximum(self._covariance.dot(self._vector), -self._bounds), self._bounds).tolist()
+        self.values = np.minimum(np.maximum(self._covariance.dot(self._vector), -self._bounds), self._bounds).tolist()
         self.compared += 1
         return True
 
