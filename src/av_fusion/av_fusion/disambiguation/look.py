@@ -137,9 +137,7 @@ class LookPlanner:
         cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
         now = self._nearest(sight.camera_in_world[:, 0] @ mount_in_world)
         way = np.abs(looks - now).max(axis=1) / self._rate  # (s) both axes turn at once
-        rates = np.repeat([one.across_rate / max(math.cos(one.elevation), 0.2) for one in components], shares.shape[1])
-        seen = np.array([in_view(_turned(points, rates * time), camera, sight.half_view, sight.half_height)
-                         for time, camera in zip(way, cameras, strict=True)])
+        seen = np.array([in_view(points, camera, sight.half_view, sight.half_height) for camera in cameras])
         chance = seen @ (shares * visible).ravel()
         value = information(seen.reshape(len(looks), *shares.shape), shares, visible) / (way + OVERHEAD_S)
         if self._look is not None:
@@ -200,12 +198,6 @@ def in_view(directions: Matrix, camera: Matrix, half_view: float, half_height: f
     x, y, z = (directions @ camera).T
     wide, high = np.tan(EDGE * np.minimum((half_view, half_height), 1.5))
     return ((x > 0.0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)).astype(float)
-
-
-def _turned(directions: Matrix, angles: Matrix) -> Matrix:
-    """Directions (n, 3) turned about the vertical by angles (n,) in rad."""
-    (x, y, z), c, s = directions.T, np.cos(angles), np.sin(angles)
-    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
 
 def information(seen: Matrix, shares: Matrix, visible: Matrix) -> Matrix:

@@ -55,13 +55,12 @@ class RotationPlanner:
 
     Parameters:
         enabled: whether rotations are requested.
-        fixed (rad): non-zero requests this rotation always, as in the publication.
+        fixed (rad): non-zero requests this rotation while the ambiguity persists, as in the publication.
     """
 
     def __init__(self, enabled: bool = True, fixed: float = 0.0) -> None:
         self._enabled, self._fixed = enabled, fixed
         self._is_open = False  # whether there is an ambiguity
-        self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
         self._planned = -math.inf
         self._pairs: Sequence[Sequence[Candidate]] = ()
@@ -86,7 +85,7 @@ class RotationPlanner:
 
     def cancel(self) -> None:
         """Cancel the rotation because the ambiguity is resolved; the next one prefers its direction."""
-        self._is_open, self._target, self._centre, self._offset = False, None, None, 0.0
+        self._is_open, self._centre, self._offset = False, None, 0.0
         self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], axis: Vector,
@@ -113,7 +112,7 @@ class RotationPlanner:
         offset = float(wrap(yaw - self._centre))
         offset = self._offset = offset + math.tau * round((self._offset - offset) / math.tau)
         if self._fixed:
-            return self._fixed_turn(yaw, offset)
+            return self._fixed if abs(offset + self._fixed) <= SECTOR else 0.0
         left = {direction: SECTOR - direction * offset for direction in (1.0, -1.0)}
         left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > DONE}
         if not left:
@@ -124,18 +123,6 @@ class RotationPlanner:
             gains = [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
             self._direction = list(left)[int(np.argmin(np.subtract(expected, gains)))]
         return self._direction * left[self._direction]
-
-    def _fixed_turn(self, yaw: float, offset: float) -> float:
-        """The published rotation: made once, and requested again while the ambiguity persists."""
-        if self._target is None:
-            if abs(offset + self._fixed) > SECTOR:
-                return 0.0
-            self._target = float(wrap(yaw + self._fixed))
-        left = float(wrap(self._target - yaw))
-        if abs(left) > DONE:
-            return left
-        self._target = None
-        return 0.0
 
 
 def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], axis: Vector,
