@@ -37,8 +37,7 @@ class SoundEvent(NamedTuple):
         images (rad): azimuths (2) of the first direction's mirror images in the body.
         elevation (rad): of the first direction above the horizon; NaN of a pair.
         level: as of `SightEvent`.
-        yaw (rad), yaw_rate (rad/s): heading.
-        window (s): length of the window.
+        yaw (rad): heading.
     """
 
     axes: NDArray
@@ -48,8 +47,6 @@ class SoundEvent(NamedTuple):
     elevation: float
     level: NDArray
     yaw: float
-    yaw_rate: float
-    window: float
 
 
 class Fault(NamedTuple):

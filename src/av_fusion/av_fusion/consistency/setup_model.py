@@ -17,21 +17,19 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_fusion.consistency.events import SightEvent, SoundEvent
 
-TARGET, TARGET_RATE, BIAS, RADIAL_BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL, TRAVEL = range(10)
-SIZE = 10  # of the state: the above
+TARGET, TARGET_RATE, BIAS, RADIAL_BIAS, CAMERA_YAW, CAMERA_LATE, DELAY, SPACING, FOCAL = range(9)
+SIZE = 9  # of the state: the above
 ALONE = 4  # first filters of the bank: sound by itself, by both mirror images of where it was first heard, moving or at rest
 # Errors that a careful description still has: of the camera's yaw (rad), its stamps (s), the delay between the microphones as
 # a cosine, and the logarithms of spacing and focal length. Self-calibration learns what remains.
 CAREFUL = {CAMERA_YAW: math.radians(2.0), CAMERA_LATE: 0.03, DELAY: 0.02, SPACING: 0.04, FOCAL: 0.1}
-TRAVEL_S, TRAVEL_SIGMA_S = 0.1, 0.1  # time that sound takes, over distances of some 10 to 70 m
+TRAVEL_S = 0.1  # time that sound takes, over a distance of 34 m
 # Directions of arrival err together for some time, by reflections and by the housing: an Ornstein-Uhlenbeck process.
 BIAS_SIGMA, BIAS_TIME_S = 0.05, 2.0  # of a cosine
 # Multirotors accelerate by 3 to 6 m/s^2: 8 deg/s^2 at 30 m, for about a second (Singer 1970, whose density is 2 sigma^2 tau).
 ACCELERATION_DENSITY = 2.0 * math.radians(8.0) ** 2 * 1.0  # rad^2/s^3
 REST = 0.003  # of this density, of a source at rest
-ADAPTATION, LARGEST_SQUARE, MOST_MANOEUVRE = 0.05, 25.0, 300.0  # of the density, by one sighting; normalised square; factor
 RATE_SIGMA = math.radians(15.0)  # rad/s, of a target that was just found
-CENTRE = 0.15  # standard deviation of the time that a window is heard at, as a share of its length
 YAW_DELAYS_S = np.arange(-0.4, 1.05, 0.2)  # at which the heading is looked up for cameras whose stamps are wrong
 SIGHT_CLUTTER, SOUND_CLUTTER = 0.05, 0.1  # probability that a measurement stems from nothing of what is modelled
 UNIFORM = {1: 0.5, 2: 1.0 / math.pi}  # density of a cosine, or of a projection on a plane, that may be any
@@ -96,7 +94,6 @@ class FilterBank:
         for index, sigma in CAREFUL.items():
             self.covariance[:, index, index] = [sigma**2] * ALONE + [h.sigmas.get(index, sigma) ** 2 for h in self.hypotheses]
         self.covariance[:, BIAS, BIAS] = self.covariance[:, RADIAL_BIAS, RADIAL_BIAS] = BIAS_SIGMA**2
-        self.mean[:, TRAVEL], self.covariance[:, TRAVEL, TRAVEL] = TRAVEL_S, TRAVEL_SIGMA_S**2
         self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in self.hypotheses]
         self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
                                      for sign in (SWAPPED, REVERSED_YAW))
@@ -104,7 +101,7 @@ class FilterBank:
                                                       for h in self.hypotheses])
         self._rolled = self._image[ALONE:, 1, 1] == 0.0
         self._sees = np.arange(number) >= ALONE
-        self._manoeuvre, self._described, self._unseen, self._heard_elevation = 1.0, 0.0, 0.0, 0.0
+        self._described = 0.0
         self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
         self._set_up_slopes = np.zeros((len(self.hypotheses), SIZE))
         self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
@@ -141,14 +138,13 @@ class FilterBank:
         step = np.eye(SIZE)
         step[TARGET, TARGET_RATE] = seconds
         kept = step[BIAS, BIAS] = step[RADIAL_BIAS, RADIAL_BIAS] = math.exp(-seconds / BIAS_TIME_S)
-        self._unseen += seconds
         self._described += seconds * self.mean[ALONE, TARGET_RATE]
         self.mean = self.mean @ step.T
         self.covariance = step @ self.covariance @ step.T
         self.covariance[:, (BIAS, RADIAL_BIAS), (BIAS, RADIAL_BIAS)] += BIAS_SIGMA**2 * (1.0 - kept**2)
         growth = ACCELERATION_DENSITY * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
         # How much a target manoeuvres, as seen, is no evidence for a scale of angles: its distance is not known.
-        scale = self._manoeuvre * np.exp(2.0 * self.mean[:, FOCAL])
+        scale = np.exp(2.0 * self.mean[:, FOCAL])
         scale[:ALONE] = 1.0, 1.0, REST, REST
         self.covariance[:, :TARGET_RATE + 1, :TARGET_RATE + 1] += scale[:, None, None] * growth
         stays, meets = math.exp(-seconds / PARTS_S), 1.0 - math.exp(-seconds / MEETS_S)
@@ -177,8 +173,6 @@ class FilterBank:
         slopes[:, FOCAL] = -wrap(moved - azimuths)[rows, nearest] / 0.01
         scale = np.exp(self.mean[:, FOCAL])    # of angles: the density is that of the angle as it was measured
         variance = event.variance * scale**2
-        if self.target_known:
-            self._adapt(left, slopes, variance)
         densities, gain, spread = self._compare(every[:, :, None], slopes[:, None], variance[:, None, None])
         genuine = self._sees * (1.0 - SIGHT_CLUTTER) * scale * densities.mean(axis=1)
         likelihood = genuine + SIGHT_CLUTTER * 0.5 / event.half_view
@@ -194,7 +188,7 @@ class FilterBank:
         if share[ALONE] < 0.5:  # by the description it is not the target of before, once: what follows is no more evidence
             self.forget_target()
             return
-        self._unseen, order = 0.0, np.argsort(np.abs(every), axis=1)
+        order = np.argsort(np.abs(every), axis=1)
         azimuths, self._elevations = (np.take_along_axis(angle, order, axis=1).T for angle in (azimuths, elevations))
         self._beside = wrap(azimuths - azimuths[0]) * self._sees
         x, y, _ = event.level @ event.view @ event.rays[nearest[ALONE]]
@@ -223,15 +217,11 @@ class FilterBank:
         else:
             alone, share[:ALONE] = unknown, 1.0
         self._sound_known = True
-        if len(event.axes) > 1:  # of an array whose channels fail, a pair may be left for a while
-            self._heard_elevation = event.elevation
         if weights[ALONE:].any():
             total = np.sum(likelihood[ALONE:], axis=1) + (1.0 - np.sum(weights[ALONE:], axis=1)) * alone
             self.evidence += np.log(total)
             self.paired = np.stack([likelihood[ALONE:, 0], np.sum(likelihood[ALONE:, 1:], axis=1)]) / total
             self._apart = 1.0 - np.sum(self.paired, axis=0)
-            # A filter is that of the case in which sound is of what is seen.
-            share[ALONE:] *= np.sum(self.paired, axis=0) > UNPAIRED
         rows, most = np.arange(len(left)), np.argmax(weights * genuine, axis=1)
         left = left[rows, most]
         nearest = np.argmin(np.sum(left**2, axis=2), axis=1)
@@ -257,10 +247,10 @@ class FilterBank:
             beside, elevation (rad): (ALONE + h) of the thing, the azimuth off the target's.
         """
         rate = self.mean[:, TARGET_RATE]
-        travel = self.mean[:, TRAVEL] - self._sees * self.mean[:, CAMERA_LATE]
+        travel = TRAVEL_S - self._sees * self.mean[:, CAMERA_LATE]
         across = self.mean[:, TARGET] + beside - rate * travel - self._turn * event.yaw
-        if len(event.axes) > 1:  # sound alone is where it was heard before
-            elevation = np.where(self._sees, elevation, self._heard_elevation if self._sound_known else event.elevation)
+        if len(event.axes) > 1:  # sound alone
+            elevation = np.where(self._sees, elevation, event.elevation)
         level = np.cos(elevation)
         flat = np.stack([level * np.cos(across), level * np.sin(across), np.sin(elevation)], axis=1)
         aside = np.stack([-flat[:, 1], flat[:, 0], np.zeros_like(level)], axis=1)
@@ -270,35 +260,16 @@ class FilterBank:
         # Errors are often smaller than reported. To expect less of them, as by a smaller array, is no evidence for a fault.
         by_angle = (self._channel * np.maximum(spacing, 1.0))[:, None] * (aside @ axes)
         slopes = np.zeros((*by_angle.shape, SIZE))
-        for index, factor in ((TARGET, 1.0), (TARGET_RATE, -travel), (TRAVEL, -rate), (CAMERA_LATE, self._sees * rate)):
+        for index, factor in ((TARGET, 1.0), (TARGET_RATE, -travel), (CAMERA_LATE, self._sees * rate)):
             slopes[:, :, index] = np.reshape(factor, (-1, 1)) * by_angle
         slopes[:, :, SPACING] = along
         offsets = [[BIAS, DELAY]] if len(event.axes) == 1 else [[BIAS], [RADIAL_BIAS]]
         for row, indices in enumerate(offsets):
             slopes[:, row, indices] = 1.0
         left = event.measured - (along + np.stack([self.mean[:, one].sum(axis=1) for one in offsets], axis=1))[:, None]
-        # A window is heard as its louder parts: the direction moves while it lasts.
-        moved = (rate - self._turn * event.yaw_rate) * CENTRE * event.window
-        passed = (beside != 0.0) * RATE_SIGMA * self._unseen  # of another thing the rate is not known
-        variance = event.covariance + (moved**2 + passed**2)[:, None, None] * by_angle[:, :, None] * by_angle[:, None, :]
+        variance = np.tile(event.covariance, (len(left), 1, 1))
         variance[:ALONE, 1:, 1:] += event.covariance[1:, 1:]
-        if len(event.axes) > 1:  # the direction lies on a circle: second order of the angle's error (Jazwinski 1970)
-            bent = 0.5 * np.minimum(self.covariance[:, TARGET, TARGET], 1.0) ** 2
-            variance += bent[:, None, None] * along[:, :, None] * along[:, None, :]
         return left, *self._compare(left, slopes, variance)
-
-    def _adapt(self, left: NDArray, slopes: NDArray, variance: NDArray) -> None:
-        """Let the target manoeuvre as much as the best hypothesis needs, for all of them: its normalised squares become 1.
-
-        A rig that follows a target turns as the target moves; what a calm target would make unlikely is then no fault.
-
-        Parameters:
-            left, slopes, variance: as for `_compare`, of one candidate.
-        """
-        best = ALONE + int(np.argmax(self.evidence))
-        spread = float(slopes[best] @ self.covariance[best] @ slopes[best] + variance[best])
-        excess = min(float(left[best]) ** 2 / spread, LARGEST_SQUARE) - 1.0
-        self._manoeuvre = min(max(self._manoeuvre * math.exp(ADAPTATION * excess), 1.0), MOST_MANOEUVRE)
 
     def apart(self, seconds: float, yaw: float) -> NDArray:
         """Mean squares (2, h; rad^2) by which the target is off where it was seen by the description, in body and world.
