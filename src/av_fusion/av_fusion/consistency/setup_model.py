@@ -60,7 +60,6 @@ class Hypothesis:
     turned: float = 0.0
 
 
-@dataclass
 class FilterBank:
     """An extended Kalman filter for each hypothesis, and the logarithm of its evidence (Magill 1965).
 
@@ -80,33 +79,27 @@ class FilterBank:
         hypotheses: h hypotheses.
     """
 
-    hypotheses: tuple[Hypothesis, ...]
-    mean: NDArray = field(init=False)
-    covariance: NDArray = field(init=False)
-    evidence: NDArray = field(init=False)
-    paired: NDArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        number = ALONE + len(self.hypotheses)
+    def __init__(self, hypotheses: tuple[Hypothesis, ...]) -> None:
+        number, self.hypotheses = ALONE + len(hypotheses), hypotheses
         self.mean, self.covariance = np.zeros((number, SIZE)), np.zeros((number, SIZE, SIZE))
-        self._prior = np.log([h.prior for h in self.hypotheses])
+        self._prior = np.log([h.prior for h in hypotheses])
         self.evidence = self._prior.copy()
         for index, sigma in CAREFUL.items():
-            self.covariance[:, index, index] = [sigma**2] * ALONE + [h.sigmas.get(index, sigma) ** 2 for h in self.hypotheses]
+            self.covariance[:, index, index] = [sigma**2] * ALONE + [h.sigmas.get(index, sigma) ** 2 for h in hypotheses]
         self.covariance[:, BIAS, BIAS] = self.covariance[:, RADIAL_BIAS, RADIAL_BIAS] = BIAS_SIGMA**2
-        self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in self.hypotheses]
-        self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in self.hypotheses])
+        self.mean[ALONE:, CAMERA_YAW] = [h.turned for h in hypotheses]
+        self._channel, self._turn = (np.array([1.0] * ALONE + [-1.0 if sign in h.signs else 1.0 for h in hypotheses])
                                      for sign in (SWAPPED, REVERSED_YAW))
         self._image = np.stack([np.eye(3)] * ALONE + [next((IMAGES[sign] for sign in h.signs if sign in IMAGES), np.eye(3))
-                                                      for h in self.hypotheses])
+                                                      for h in hypotheses])
         self._rolled = self._image[ALONE:, 1, 1] == 0.0
         self._sees = np.arange(number) >= ALONE
         self._described = 0.0
         self._beside = self._elevations = np.zeros((1, number))  # (rad) of all that is seen, the target first
-        self._set_up_slopes = np.zeros((len(self.hypotheses), SIZE))
+        self._set_up_slopes = np.zeros((len(hypotheses), SIZE))
         self._shares = np.array([[1.0], [0.0]])  # of the target and of the others among what is seen
         self._sides = np.full(ALONE, 1.0 / ALONE)  # probabilities of these filters
-        self._unpaired = np.array([np.full(len(self.hypotheses), one) for one in (1.0, 1.0 / UNPAIRED)])  # and all targets
+        self._unpaired = np.array([np.full(len(hypotheses), one) for one in (1.0, 1.0 / UNPAIRED)])  # and all targets
         self._apart: NDArray | None = None  # probabilities that sound is not of what is seen, when it was last compared
         self.turn_world()
 
