@@ -56,9 +56,12 @@ def test_what_is_unknown_is_nan_and_what_is_meaningless_is_left_out():
     assert odd.front_back == 0.5 and math.isnan(odd.drone_probability) and math.isnan(odd.elevation) and len(odd.class_id) == 64
 
 
-def test_times_are_utc():
-    track, = bearing_tracks(targets(last_seen=to_stamp(TIME - 0.1)), None, True, to_utc=1e9)
-    assert (track.time, track.measured) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1))
+def test_times_that_are_told_are_utc():
+    stage = ReportStage(ReportSettings(north=False))
+    stage.on_targets(targets(last_seen=to_stamp(TIME - 0.1)), Instant(0.0, TIME))
+    situation = stage.situation(Instant(0.1, TIME), 1e9)
+    track, = situation.tracks
+    assert (track.time, track.measured, situation.now) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1, 1e9 + TIME))
 
 
 @pytest.mark.parametrize('values, taken', [
@@ -127,18 +130,18 @@ def test_of_very_many_targets_the_likeliest_are_reported():
     stage = ReportStage(ReportSettings(north=False))
     message = targets()
     message.tracks = [targets(id=number, existence=0.5 + 1e-4 * number).tracks[0] for number in range(1, 1001)]
-    stage.on_targets(message, Instant(0.0, TIME), 0.0)
+    stage.on_targets(message, Instant(0.0, TIME))
     assert {track.id for track in stage.situation(Instant(0.1, TIME), 0.0).tracks} == set(range(1001 - MOST_TRACKS, 1001))
     assert stage.situation(Instant(SILENT_S + 0.1, TIME), 0.0).silent
 
 
 def test_without_a_heading_nothing_is_reported_and_the_reason_is_given():
     stage = ReportStage(ReportSettings())
-    stage.on_targets(targets(), Instant(0.0, TIME), 0.0)
+    stage.on_targets(targets(), Instant(0.0, TIME))
     situation = stage.situation(Instant(0.1, TIME), 0.0)
     assert situation.tracks == () and 'heading is not known' in situation.problems[0] and situation.place is None
     stage.on_bearing(Bearing(attitude_known=True))
-    stage.on_targets(targets(), Instant(0.2, TIME), 0.0)
+    stage.on_targets(targets(), Instant(0.2, TIME))
     stage.on_state(FusionState(missing=['doa']))
     assert stage.situation(Instant(0.3, TIME), 0.0).problems == ('no doa',)
     assert len(stage.situation(Instant(0.3, TIME), 0.0).tracks) == 1
