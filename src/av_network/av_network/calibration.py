@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from av_network import sphere
 from av_network.apparent_direction import SOUND_SPEED, apparent_directions
 from av_network.motion_model import motion
-from av_network.observation import Observation, RigSettings, RigState
+from av_network.observation import GATE, Observation, RigSettings, RigState
 
 RIG_SIZE, HEADING, CLOCK = 2, 0, 1  # of the part of the state of one rig
 HEADING_DRIFT, CLOCK_DRIFT = math.radians(0.01), 1e-4  # rad and s per sqrt(s): random walks of headings and clock offsets
@@ -24,7 +24,6 @@ LEAST_OBSERVATIONS = 12  # of a segment: four numbers for each of the six of its
 ITERATIONS = 2  # after one, clocks are up to 60 ms off, after two 8
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
-OUTLIER = 16.0  # squared Mahalanobis distance of a residual from the smoothed track, beyond which it is not used
 
 
 @dataclass
@@ -157,7 +156,7 @@ class RigCalibration:
         R = np.array([one.sighting.covariance for one in observations]) + unstated[:, None, None] * np.eye(2)
         own = RIG_SIZE * rigs[:, None] + np.arange(RIG_SIZE)
         S = R + J[:, :, 6:] @ self.covariance[own[:, :, None], own[:, None]] @ J[:, :, 6:].swapaxes(1, 2)
-        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
+        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > GATE] *= 1e6  # not used
         return residuals + np.einsum('kia,ka->ki', J, x), J, R
 
 

@@ -19,8 +19,7 @@ from av_network.motion_model import SPEED_SIGMA
 from av_network.network_target import TargetState
 from av_network.observation import MOST_TRACKS, Observation, Report, Sighting
 
-LEAST_EXISTENCE = 0.5  # of a rig's target
-PUBLISHED = 0.5  # probability of existence from which a target of the network is published
+PUBLISHED = 0.5  # probability of existence from which a target of the network is published, and one of a rig used
 OLDEST_S = 2.0  # age of a message that is used
 MOST_POSITION_M = 1e6  # of a rig or target, along each axis
 LONGEST_S = 1.0  # from the first direction of a report to the newest one
@@ -75,7 +74,7 @@ def report_of(message: RigReport, rig: str, position: NDArray[np.float64], headi
     if len({one.id for one in message.directions}) < len(message.directions):
         raise ValueError(f'several directions of one target of {rig}')
     stamp = to_seconds(message.header.stamp)
-    sightings = [_sighting(one, heading, stamp) for one in message.directions if one.existence >= LEAST_EXISTENCE]
+    sightings = [_sighting(one, heading, stamp) for one in message.directions if one.existence >= PUBLISHED]
     return Report(rig, stamp, position, tuple(one for one in sightings if one is not None))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from av_network.lone_track import LoneTrack
-from av_network.observation import Observation, Sighting
+from av_network.observation import GATE, Observation, Sighting
 
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
@@ -95,7 +95,7 @@ class NetworkTarget:
         before = self.member(one.rig, one.sighting.id)
         self.members[one.rig] = Member(one.sighting, time, gain + (before.gain if before else 0.0), alone)
         self.measured = max(self.measured, time)
-        self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
+        self.nis += (min(nis, GATE) - self.nis) / NIS_MEMORY
 
     @property
     def drone_probability(self) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_TRACKS = 50  # of one rig: its filter has no more
+GATE = 16.0  # squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 UNSTATED = math.radians(0.2)**2  # rad^2, of errors of images that rigs do not state, at first: of a mast's tilt and a lens
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from av_common.angles import direction_to_angles
 from av_network import sphere
 from av_network.apparent_direction import LEAST_DISTANCE_M
-from av_network.calibration import RigCalibration
+from av_network.calibration import LEAST_SIGMA, RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState
 
@@ -19,7 +19,6 @@ REPORTED_SHARE = 0.1  # of the distance from the nearest rig, up to which that e
 COAST_S = 8.0  # after which a track without reports has lost half of its probability of existence, and ends
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 4.0  # since the newest observation of a second rig, for which a position is reported
-LEAST_VARIANCE = 1e-12  # rad^2, of an error that lasts
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
 
@@ -68,7 +67,7 @@ def lasting_errors(covariances: NDArray[np.float64], offsets: NDArray[np.float64
     """
     axes = sphere.axes(np.stack(direction_to_angles(offsets), -1))
     squared = np.maximum(np.sum(offsets**2, axis=2), LEAST_DISTANCE_M**2)
-    weights = observing[:, :, None] / (squared[:, :, None] * np.maximum(variances, LEAST_VARIANCE))
+    weights = observing[:, :, None] / (squared[:, :, None] * np.maximum(variances, LEAST_SIGMA**2))
     information = np.einsum('nra,nrai,nraj->nij', weights, axes, axes)
     several = np.sum(observing, axis=1) > 1
     return np.asarray(several[:, None, None] * np.linalg.inv(np.linalg.inv(covariances) + information))

@@ -21,7 +21,7 @@ from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.hypothesis_filter import largest_sigmas
 from av_network.messages import MOST_POSITION_M, PUBLISHED, check_age, direction_message, is_place, report_of, target_message
 from av_network.network_target import TargetState
-from av_network.observation import RigSettings
+from av_network.observation import GATE, RigSettings
 from av_network.report_queue import ReportQueue
 from av_network.reporting import RECENT_S
 from av_network.tracker import NetworkTracker
@@ -29,7 +29,6 @@ from av_network.tracker import NetworkTracker
 NO_DATUM = (math.nan,) * 3
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 WAIT_S = 1.0  # see `ReportQueue`
-CERTAIN = 4.0  # standard deviations of a clock's offset by which a stamp may be ahead of it
 FIX_S = 10.0  # for which a place by satellites counts: ten messages of a receiver, one a second
 
 
@@ -115,7 +114,7 @@ class NetworkStage:
         stamp = to_seconds(message.header.stamp)
         index = self.tracker.rigs[rig]
         check_age(rig, arrival - self.tracker.corrected_time(index, stamp),
-                  FUTURE_S + CERTAIN * self.tracker.calibration.known(index).clock_sigma)
+                  FUTURE_S + math.sqrt(GATE) * self.tracker.calibration.known(index).clock_sigma)
         if found.place.source == ODOMETRY:  # without it, the heading is not known either
             found.position = found.place.position + message.position if is_place(message.position) else None
         if found.position is None:

@@ -13,7 +13,7 @@ from av_network.calibration import RigCalibration
 from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
 from av_network.network_target import SUPPORT_S, WELL_SUPPORTED, NetworkTarget, TargetState, membership
-from av_network.observation import MOST_TRACKS, Observation, Report, RigSettings
+from av_network.observation import GATE, MOST_TRACKS, Observation, Report, RigSettings
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, MOST_CANDIDATES, MOST_SIGMA_M, Pairing
 from av_network.reporting import COAST_S, target_states
@@ -25,7 +25,6 @@ LEAST_ODDS = math.log(CONFIRMED / (1.0 - CONFIRMED))  # the same
 LEAST_AGE_S = 1.0  # for which a candidate is observed before
 TARGET_DENSITY = 0.4  # 1/sr, of targets in a rig's sky that are not tracked yet, at the least
 SKY = math.pi  # sr, of elevations from 0 to 30 deg, in which a rig's targets usually are
-GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
 DECISION_PERIOD_S = 0.25  # that of reports
 NEVER = 1e6  # cost of an impossible assignment
