@@ -33,13 +33,16 @@ def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int) ->
 
     Raises OSError.
     """
-    steps, copies = Steps(), [_Copy(path)]
+    steps, copies, announced = Steps(), [_Copy(path)], dict[tuple[type, int], Schema | Channel]()
     for record in records:
         if isinstance(record, Message):
             if len(copies) <= min(steps.take(record.channel_id, record.log_time), most_steps):
-                copies.append(_Copy(path.with_stem(f'{path.stem}_{len(copies)}'), copies[-1]))
+                copies.append(_Copy(path.with_stem(f'{path.stem}_{len(copies)}')))
+                for each in sorted(announced.values(), key=lambda one: isinstance(one, Channel)):    # schemas first
+                    copies[-1].announce(each)
             copies[-1].add(record)
         elif isinstance(record, (Schema, Channel)):
+            announced.setdefault((type(record), record.id), record)
             copies[-1].announce(record)
     for copy in copies:
         copy.out.finish()
@@ -67,22 +70,14 @@ def records_of_database(reader: Reader, problems: list[str]) -> Iterator[McapRec
 
 
 class _Copy:
-    """A new mcap file that is written.
+    """A new mcap file that is written."""
 
-    Parameters:
-        path: of the file.
-        before: the file whose schemas and channels it takes over.
-    """
-
-    def __init__(self, path: Path, before: _Copy | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.out = Writer(str(path), compression=CompressionType.NONE)
         self.out.start('ros2')
         self._schemas: dict[int, int] = {}
         self._channels: dict[int, int] = {}
-        self._announced: list[Schema | Channel] = []
-        for record in before._announced if before else ():
-            self.announce(record)
 
     def announce(self, record: Schema | Channel) -> None:
         """Add a schema or channel."""
@@ -92,9 +87,6 @@ class _Copy:
         elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
             self._channels[record.id] = self.out.register_channel(
                 record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata)
-        else:
-            return
-        self._announced.append(record)
 
     def add(self, record: Message) -> None:
         """Add a message of a known channel."""

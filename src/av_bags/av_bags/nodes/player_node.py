@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
@@ -57,6 +57,8 @@ class PlayerNode(RigNode):
     def configure(self) -> None:
         """Open the bag and the publishers. Raises BagError when there is nothing to play."""
         self._settings = settings = self.settings
+        self._layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
+            if settings.audio_rate else None
         if not settings.bag:
             raise BagError('bag is empty, expected a file or folder to play')
         self._open(settings.bag, settings.position)
@@ -76,7 +78,7 @@ class PlayerNode(RigNode):
         self._stop = position + settings.duration if settings.duration else math.inf
         self._static_topic = found.topics.pop(names.FRAMES, None)
         self._bag, self._path, self._topics = bag, path, found.topics
-        self._feed = self._feed_from(bag, found.topics, position)
+        self._feed = self._feed_from(position)
         self._length = min(self._stop, bag.length)
         self._position = self._wanted_position = position
         self._seek = False
@@ -128,7 +130,7 @@ class PlayerNode(RigNode):
             if not settings.bags or Path(settings.bag).resolve().parent != Path(settings.bags).resolve():
                 raise ValueError(f'bag is {settings.bag}, expected a bag of the folder bags: {settings.bags or "none is set"}')
             with Bag(settings.bag) as bag:
-                self._feed_from(bag, self._find(bag).topics, 0.0)
+                Feed(bag, self._find(bag).topics, self._layout)    # raises BagError where a topic cannot be read
         elif settings.position > self._length:
             raise ValueError(f'position is {settings.position}, expected at most {self._length:.1f}, the length of the bag (s)')
 
@@ -150,12 +152,9 @@ class PlayerNode(RigNode):
         response.success, response.message = True, 'paused' if request.data else 'playing'
         return response
 
-    def _feed_from(self, bag: Bag, topics: Mapping[str, str], position: float) -> Feed:
-        """What is played of a bag from a time (s) after the start on. Raises BagError where a topic cannot be read."""
-        settings = self._settings
-        layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
-            if settings.audio_rate else None
-        return Feed(bag, topics, layout, position, self._stop, decode=False)
+    def _feed_from(self, position: float) -> Feed:
+        """What is played from a time (s) after the start on. Raises BagError where a topic cannot be read."""
+        return Feed(self._bag, self._topics, self._layout, position, self._stop, decode=False)
 
     def _run(self) -> None:
         waited = False
@@ -175,7 +174,7 @@ class PlayerNode(RigNode):
             if not self._seek or self._stopping.is_set():
                 break
             self._seek, self._position = False, self._wanted_position
-            self._feed = self._feed_from(self._bag, self._topics, self._wanted_position)
+            self._feed = self._feed_from(self._wanted_position)
         for note in (*self._bag.notes, *self._feed.notes):
             self.get_logger().warning(note)
         for problem in (*self._bag.problems, *self._feed.lost):
