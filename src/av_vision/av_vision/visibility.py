@@ -20,7 +20,7 @@ from av_common.camera import PinholeCamera
 from av_vision.image import noise_of, to_bgr8
 
 LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
-BINS = 16  # number of bins of distance
+BINS = 16  # number of bins of distance, of as many pixels each
 QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brightest objects may be lamps or walls
 USUAL = 0.05  # extinction in 1/m with which the fit begins
 ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
@@ -91,21 +91,16 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
         distance (h, w; m): distance of the surface in each pixel, nan or 0 if unknown, inf for the sky.
     """
     near = np.isfinite(distance) & (distance > 0.3)
-    if near.sum() < 4 * LEAST_PIXELS:
+    if near.sum() < BINS * LEAST_PIXELS:
         return math.nan
     away, brightness = distance[near], grey[near]
-    edges = np.quantile(away, np.linspace(0.0, 1.0, BINS + 1))
-    place = np.clip(np.searchsorted(edges, away, 'right') - 1, 0, BINS - 1)
-    at, levels = [], []
-    for k in range(BINS):
-        here = place == k
-        if here.sum() >= LEAST_PIXELS:
-            at.append(np.median(away[here]))
-            levels.append(np.quantile(brightness[here], QUANTILES))
-    if len(at) < 4 or max(at) < 1.5 * min(at):
+    bins = np.array_split(np.argsort(away, kind='stable'), BINS)
+    at = np.array([np.median(away[part]) for part in bins])
+    if at[-1] < 1.5 * at[0]:
         return math.nan
+    levels = np.array([np.quantile(brightness[part], QUANTILES) for part in bins])
     sky = grey[np.isinf(distance)]
-    return _fit(np.array(at), np.array(levels), float(np.median(sky)) if sky.size >= LEAST_PIXELS else None)
+    return _fit(at, levels, float(np.median(sky)) if sky.size >= LEAST_PIXELS else None)
 
 
 def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
