@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from av_bringup.launching import CONFIG
-from av_common.arguments import within
+from av_common.arguments import checked, within
 from av_common.microphone_array import MicrophoneArray
 from av_view.doctor.files import judge_files
 from av_view.doctor.program import devices
@@ -59,15 +59,11 @@ def whole_numbers(count: int) -> Callable[[str], list[int]]:
 
 
 def array_of(text: str) -> MicrophoneArray:
-    """A shipped array by its name, or a pair with a spacing in m. Raises ValueError for others."""
+    """A shipped array by its name, or a pair with a spacing in m. Raises ArgumentTypeError for others."""
     if text in ARRAYS:
         return MicrophoneArray.load(CONFIG / 'arrays' / f'{text}.yaml')
-    try:
-        half = 0.5 * float(text)
-    except ValueError:
-        raise ValueError(f'{text!r}, expected {", ".join(ARRAYS)}, or the spacing of a pair in metres') from None
-    if not 0.01 <= 2.0 * half <= 2.0:
-        raise ValueError(f'{2.0 * half:g} m, expected a spacing of 0.01 to 2 m')
+    half = 0.5 * checked(text, lambda spacing: 0.01 <= spacing <= 2.0,
+                         f'{", ".join(ARRAYS)}, or the spacing of a pair of 0.01 to 2 m')
     return MicrophoneArray(np.array([[0.0, half, 0.0], [0.0, -half, 0.0]]), 'my_pair')
 
 
