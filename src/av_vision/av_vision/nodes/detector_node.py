@@ -94,24 +94,20 @@ class DetectorNode(RigNode):
 
     def _work(self, waiting: queue.Queue[Image | CompressedImage | None]) -> None:
         while (message := waiting.get()) is not None:    # until None: one that outlives a deactivation takes no later images
-            started = time.perf_counter()
             try:
                 self._detect(message)
-            except cv2.error as error:
-                self.refused.refuse('image', ValueError(error.err))
-                continue
             except Exception as error:  # noqa: BLE001  this thread is not one that the node guards
-                self.refused.refuse('image', error)
+                self.refused.refuse('image', ValueError(error.err) if isinstance(error, cv2.error) else error)
                 continue
-            self._took = time.perf_counter() - started
             self._delay = self.now() - to_seconds(message.header.stamp)
             self._images.tick()
 
     def _detect(self, message: Image | CompressedImage) -> None:
         started = time.perf_counter()
         detections, visibility = self._stage.on_image(message, self.now())
+        self._took = time.perf_counter() - started
         if self._stage.detector.planner is not None:
-            self._stage.detector.planner.took(time.perf_counter() - started)
+            self._stage.detector.planner.took(self._took)
         if visibility is not None:
             self._visibility.publish(visibility)
         if detections is None:
