@@ -43,7 +43,7 @@ class Access:
             origins: values of its header Origin, of which there may be one.
         """
         host, origin = list(hosts), list(origins)
-        if len(host) != 1 or not self._is_known(_name(f'http://{host[0]}')):
+        if len(host) != 1 or not self._is_known(host[0]):
             return f'Host is {", ".join(host)[:80]!r}, expected an address, localhost or a name of allowed_hosts'
         if len(origin) > 1 or any(one.lower() != f'http://{host[0].lower()}' for one in origin):
             return f'Origin is {", ".join(origin)[:80]!r}, expected the page of this server'
@@ -53,13 +53,12 @@ class Access:
         """Whether a token is the right one; compared in constant time."""
         return bool(self.token) and isinstance(token, str) and token.isascii() and hmac.compare_digest(token, self.token)
 
-    def _is_known(self, name: str) -> bool:
+    def _is_known(self, host: str) -> bool:
         """An address cannot be pointed elsewhere, other names must be known."""
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            return name in self._names
-        return True
+        with suppress(ValueError):
+            name = urlsplit(f'http://{host}').hostname or ''
+            return name in self._names or bool(ipaddress.ip_address(name))
+        return False
 
 
 class PrivateAddress:
@@ -91,10 +90,3 @@ class PrivateAddress:
         Path(name).replace(self.file)
         with suppress(OSError), Path('/dev/tty').open('w') as terminal:  # no part of what a launch writes to its logs
             print(f'the rig in your browser, with control: {address}', file=terminal)
-
-
-def _name(url: str) -> str:
-    try:
-        return urlsplit(url).hostname or ''
-    except ValueError:
-        return ''
