@@ -18,6 +18,7 @@ from av_common.config_reader import ConfigError, number
 from av_common.files import shown
 from av_common.node import RigNode, run
 from av_common.playback import Playback
+from av_common.pose_messages import vector_message
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
@@ -129,11 +130,8 @@ class CameraNode(RigNode):
             self._depths.publish(image_message(header, image.depth, '16UC1'))
 
     def _publish_motion(self, time: float, angular_velocity: Vector, acceleration: Vector) -> None:
-        message = Imu()
-        message.header.stamp, message.header.frame_id = to_stamp(time), self._frame_id
-        rate, force = message.angular_velocity, message.linear_acceleration
-        rate.x, rate.y, rate.z = angular_velocity
-        force.x, force.y, force.z = acceleration
+        message = Imu(header=Header(stamp=to_stamp(time), frame_id=self._frame_id),
+                      angular_velocity=vector_message(angular_velocity), linear_acceleration=vector_message(acceleration))
         message.orientation_covariance[0] = -1.0  # REP-145: there is no orientation
         if self._motions is not None:
             self._motions.publish(message)
