@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +25,15 @@ class Directions(NamedTuple):
 
     angles: azimuths and elevations (2, k) in rad in the array's frame.
     variances: their variances (2, k) in rad^2, inf where the array does not resolve an angle.
+    cosine: of the estimated angle to the axis of a linear array, from -1 to 1. It has no bias at end-fire, where the measured
+        one has a skewed error. NaN for other arrays.
+    cosine_variance: of its error, reflections included; it does not vanish at end-fire. NaN as the cosine.
     """
 
     angles: Array
     variances: Array
+    cosine: float = math.nan
+    cosine_variance: float = math.nan
 
 
 def undo_delay_curve(array: MicrophoneArray, q: Array, *covariances: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -63,36 +67,26 @@ def to_directions(array: MicrophoneArray, q: Array, covariance: Array, alone: Ar
     """
     if not np.all(np.isfinite(covariance)):
         angles = np.array(direction_to_angles(array.hypotheses(q)))
-        return Directions(angles, np.full_like(angles, np.inf))
+        return Directions(angles, np.full_like(angles, np.inf),
+                          *((float(np.clip(q[0], -1.0, 1.0)), math.inf) if array.rank == 1 else ()))
+    cosine = cosine_variance = math.nan
     if array.rank == 1:
         alone = covariance if alone is None else alone
         angle, sigma = angle_to_axis(float(q[0]), math.sqrt(alone[0, 0]), math.sqrt(covariance[0, 0]))
-        axis = array.basis[:, 0]
-        if axis[2] == 0.0:  # closed form of the most frequent case
-            turn = math.atan2(axis[1], axis[0])
-            azimuths = math.remainder(turn - angle, math.tau), math.remainder(turn + angle, math.tau)
-            return Directions(np.array([azimuths, (0.0, 0.0)]), np.array([(sigma**2, sigma**2), (np.inf, np.inf)]))
+        cosine, cosine_variance = math.cos(angle), (sigma * max(math.sin(angle), LEAST_SINE)) ** 2
         points = np.cos([[angle], [min(angle + sigma, np.pi)], [max(angle - sigma, 0.0)]])
     else:
+        # beyond the horizon of a plane, as by positions that are stated too small, all points would be on it
+        inside = q / max(1.0, float(np.linalg.norm(q))) if array.rank == 2 else q
         eigenvalues, axes = np.linalg.eigh(covariance)
         offsets = (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T
-        points = np.concatenate([q[None], q + offsets, q - offsets])
+        points = np.concatenate([inside[None], inside + offsets, inside - offsets])
     angles, *sides = np.moveaxis(np.array(direction_to_angles(array.hypotheses(points))), 1, 0)
     deviations = wrap(np.array(sides) - angles) ** 2
     variances = np.maximum(*np.split(deviations, 2)).sum(axis=0)
     if array.rank == 1:
         variances[1] = np.inf
-    return Directions(angles, variances)
-
-
-def is_end_fire(array: MicrophoneArray, q: Array) -> bool:
-    """Whether a projection q (rank,) lies so close to the axis of a linear array that angles are poorly resolved.
-
-    Parameters:
-        array: the microphones.
-        q (rank,): projection of the direction on the basis of the array.
-    """
-    return array.rank == 1 and abs(float(q[0])) > END_FIRE_COSINE
+    return Directions(angles, variances, cosine, cosine_variance)
 
 
 def within_elevations(array: MicrophoneArray, angles: Array, limits: Array) -> NDArray[np.bool_]:
@@ -112,24 +106,6 @@ def within_elevations(array: MicrophoneArray, angles: Array, limits: Array) -> N
     return kept
 
 
-def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float, float]:
-    """Cosine of the estimated angle to the axis of a linear array, and the variance of its error.
-
-    It is the cosine of the posterior mean of the angle. At end-fire the measured cosine has a skewed error, since no true
-    cosine lies beyond 1; the estimate has no bias there, and its variance does not vanish.
-
-    Parameters:
-        cosine: measured cosine.
-        sigma: standard deviation of its error without reflections.
-        total_sigma: standard deviation of its error with reflections.
-    """
-    if not math.isfinite(total_sigma):
-        return min(max(cosine, -1.0), 1.0), math.inf
-    angle, deviation = angle_to_axis(cosine, sigma, total_sigma)
-    return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
-
-
-@lru_cache(maxsize=4)  # the azimuths and the cosine of a window need the same
 def angle_to_axis(cosine: float, sigma: float, total_sigma: float) -> tuple[float, float]:
     """Estimated angle in rad, whose cosine was measured with a normal error, and the root mean square of its error.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
+from av_audio.directions import END_FIRE_COSINE, Array, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_rotors import without_lines
 from av_audio.estimators import METHODS, make_estimator
@@ -88,7 +87,7 @@ class DoaEstimate:
         end_fire (k,): whether the angle is poorly resolved, close to the axis of a linear array.
         level_dbfs (dB): level after the band-pass filter, relative to full scale.
         q (rank,): measured projection of the direction on the array's basis, before the delay curve is undone.
-        cosine: cosine of the estimated angle to the axis of a linear array (see `directions.cone_cosine`). NaN for other
+        cosine: cosine of the estimated angle to the axis of a linear array (see `Directions`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
         own: probability that sound of the rig itself is louder than all other (see `NearField`); confidences count it.
@@ -242,19 +241,15 @@ class Localizer:
                      ) -> DoaEstimate:
         bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
         q, (alone, covariance) = undo_delay_curve(self.array, peak.q, peak.covariance, peak.covariance + bias)
-        angles, variances = to_directions(self.array, q, covariance, alone)
-        kept = within_elevations(self.array, angles, self._elevations)
+        found = to_directions(self.array, q, covariance, alone)
+        kept = within_elevations(self.array, found.angles, self._elevations)
         count = int(kept.sum())
-        cosine, cosine_variance = np.nan, np.nan
-        if self.array.rank == 1:
-            sigma, total_sigma = math.sqrt(float(alone[0, 0])), math.sqrt(float(covariance[0, 0]))
-            cosine, cosine_variance = cone_cosine(float(q[0]), sigma, total_sigma)
         return DoaEstimate(
-            centre / self.sample_rate, centre, azimuth=angles[0, kept], elevation=angles[1, kept],
-            azimuth_variance=variances[0, kept], elevation_variance=variances[1, kept],
+            centre / self.sample_rate, centre, azimuth=found.angles[0, kept], elevation=found.angles[1, kept],
+            azimuth_variance=found.variances[0, kept], elevation_variance=found.variances[1, kept],
             confidence=np.full(count, (1.0 - own) * self._confidence(peak, window)), group=np.full(count, group),
-            end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
-            cosine=cosine, cosine_variance=cosine_variance, own=own)
+            end_fire=np.full(count, self.array.rank == 1 and abs(float(q[0])) > END_FIRE_COSINE), level_dbfs=level, q=peak.q,
+            cosine=found.cosine, cosine_variance=found.cosine_variance, own=own)
 
     def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):

@@ -94,6 +94,15 @@ def test_a_square_tells_the_full_circle_and_elevation(azimuth, elevation):
     np.testing.assert_allclose(np.degrees(both.elevation), [elevation, -elevation], atol=1.0)
 
 
+@pytest.mark.parametrize('scale', [1.0, 0.97])
+def test_the_elevation_at_the_horizon_is_uncertain_also_by_positions_that_are_too_small(scale):
+    """Of a square that is 3 % larger than stated no direction has the delays: its variance of the elevation was 0."""
+    stated = MicrophoneArray(scale * SQUARE.positions)
+    estimate = only(Localizer(stated, RATE, LocalizerSettings(hop_s=1.0)).process(plane_wave(SQUARE, 20.0), 0))
+    assert 1.0 < np.degrees(np.sqrt(estimate.elevation_variance[0])) < 20.0
+    assert np.degrees(np.sqrt(estimate.azimuth_variance[0])) < 1.0
+
+
 def test_four_microphones_in_space_have_no_mirror_image():
     pyramid = MicrophoneArray([[0.05, 0.0, 0.0], [-0.03, 0.04, 0.0], [-0.03, -0.04, 0.0], [0.0, 0.0, 0.06]])
     for azimuth, elevation in [(20.0, -30.0), (-110.0, 50.0)]:
