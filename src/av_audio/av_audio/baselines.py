@@ -20,31 +20,23 @@ class Baselines:
         array: positions of the microphones.
 
     Attributes:
-        pairs (p, 2): microphones of all pairs: the first of each baseline, then the second of those that have one, and so on.
-        vectors (u, 3) (m): the baselines, r_i - r_j of their pairs, those of most pairs first.
+        pairs (p, 2): microphones of all pairs, those of one baseline one after the other.
+        vectors (u, 3) (m): the baselines, r_i - r_j of their pairs.
         counts (u,): their numbers of pairs.
     """
 
     def __init__(self, array: MicrophoneArray) -> None:
-        groups, vectors = list[list[NDArray]](), list[NDArray]()
-        for pair, vector in zip(array.pairs, array.baselines, strict=True):
-            for group, other in zip(groups, vectors, strict=True):
-                if min(np.abs(vector - other).max(), np.abs(vector + other).max()) < SAME_M:
-                    group.append(pair if vector @ other > 0.0 else pair[::-1])
-                    break
-            else:
-                groups.append([pair])
-                vectors.append(vector)
-        order = sorted(range(len(groups)), key=lambda k: -len(groups[k]))
-        self.vectors: NDArray = np.array([vectors[k] for k in order])
-        self.counts: NDArray = np.array([len(groups[k]) for k in order])
-        self.pairs: NDArray = np.array([groups[k][n] for n in range(self.counts[0]) for k in order if n < len(groups[k])])
+        places = np.round(array.baselines / SAME_M)
+        leading = np.take_along_axis(places, np.argmax(places != 0.0, axis=1)[:, None], axis=1)
+        group = np.unique(np.sign(leading) * places, axis=0, return_inverse=True)[1].ravel()
+        order = np.argsort(group, kind='stable')
+        self._starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+        first = order[self._starts]
+        opposite = np.sign(leading) != np.sign(leading[first][group])  # to the first pair of their baseline
+        self.pairs: NDArray = np.where(opposite, array.pairs[:, ::-1], array.pairs)[order]
+        self.vectors: NDArray = array.baselines[first]
+        self.counts: NDArray = np.diff(self._starts, append=len(order))
 
     def sum(self, values: NDArray) -> NDArray:
         """Sums (u, ...) of values (p, ...) of the pairs of each baseline."""
-        total, begin = values[:len(self.counts)].copy(), len(self.counts)
-        for number in range(1, self.counts[0]):
-            more = np.count_nonzero(self.counts > number)
-            total[:more] += values[begin:begin + more]
-            begin += more
-        return total
+        return np.asarray(np.add.reduceat(values, self._starts, axis=0))

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.baselines import Baselines
-from av_audio.blocks import Blocks
-from av_audio.spectra import TINY
+from av_audio.spectra import TINY, Blocks
 from av_common.microphone_array import MicrophoneArray
 
 # Distance of the blocks of a window: so short that neither direction nor loudness change much within one, and much longer
@@ -147,7 +146,7 @@ class DriftEstimator:
         """Weighted cross-spectra (u, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
         mean = np.maximum(weights.mean(axis=0), TINY)
-        blocks = self._blocks.spectra(self._blocks.signals(spectra * np.sqrt(mean)))[..., :len(self._omega)]  # (m, b, used)
+        blocks = self._blocks.spectra(spectra * np.sqrt(mean))[..., :len(self._omega)]  # (m, b, used)
         first, second = self._baselines.pairs.T
         cross = self._baselines.sum(blocks[first] * blocks[second].conj() * (weights / mean)[:, None, self._nearest])
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega

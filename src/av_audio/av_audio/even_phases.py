@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.blocks import Blocks
 from av_audio.reflections import Reflections
-from av_audio.spectra import TINY, phases_of
+from av_audio.spectra import TINY, Blocks, phases_of
 from av_audio.steered_response import Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
@@ -42,7 +41,6 @@ class EvenPhases(SteeredResponse):
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
         bin_hz = float(frequencies[1] - frequencies[0])
         self._blocks = [Blocks(frequencies, 0.5 * length) for length in BLOCKS_S if length * bin_hz < 0.5]
-        self._lengths = list({blocks.samples: blocks for blocks in self._blocks}.values())
         self._smoothing = max(1, round(WHITENING_HZ / bin_hz))
         self._group = max(1, round(GROUP_HZ / bin_hz))
         self._grouped = len(frequencies) // self._group * self._group
@@ -59,8 +57,7 @@ class EvenPhases(SteeredResponse):
         white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), TINY))
         phases = phases_of(spectra)
         whole = phases[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
-        signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
-        cut = (phases_of(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks)
+        cut = (phases_of(blocks.spectra(white)) for blocks in self._blocks)
         weighted = np.concatenate([self._cross(part) for part in (whole, *cut)], axis=1)[:, self._order]
         peak = self.highest_peak(weighted)
         return self._among_reflections(peak, phases, weighted) if peak.significance > 0.0 else (peak, peak.bias)

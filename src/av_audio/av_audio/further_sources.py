@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
 from av_audio.reflections import is_no_reflection
 from av_audio.spectra import phases_of
-from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
-from av_audio.weighting import cross_spectra
+from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, cross_spectra, spread_of
 from av_common.microphone_array import MicrophoneArray
 
 MOST_SOURCES = 4
@@ -71,7 +70,7 @@ class FurtherSources(SteeredResponse):
             peak: the strongest source, estimated alone.
             most: largest number of sources, up to MOST_SOURCES.
         """
-        peaks = self.find(spectra, peak.q, most)
+        peaks = self.find(spectra, peak.q, most) if most > 1 else []
         if not peaks:
             return [peak]
         apart = peak.q - peaks[0].q  # of two estimates whose errors are alike

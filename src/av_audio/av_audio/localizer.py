@@ -150,7 +150,7 @@ class Localizer:
         if settings.method not in METHODS:
             self._foreign = DOA_METHODS.load(settings.method)(array, sample_rate)
             ego_noise = None  # it takes samples as they are
-        self._analyzer, self._estimator = make_estimator(
+        self._analyzer, self._find = make_estimator(
             settings.method if self._foreign is None else 'plain', array, sample_rate, self._window, settings.band_hz,
             speed_of_sound(settings.temperature_c), settings.wideband, ego_noise)
         self._near: NearField | None = None  # what a recording whitens needs none
@@ -228,7 +228,7 @@ class Localizer:
             if not peaks:
                 return self._nothing(centre, level)
         else:
-            peaks = self._estimator.peaks(spectra, self.settings.max_sources)
+            peaks = self._find(spectra, self.settings.max_sources)
         first, *further = (self._estimate_of(peak, k, window, centre, level, own) for k, peak in enumerate(peaks))
         return replace(first, further=tuple(further))
 

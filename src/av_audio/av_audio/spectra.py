@@ -1,4 +1,4 @@
-"""Spectra of an analysis window inside a band-pass filter."""
+"""Spectra of an analysis window inside a band-pass filter, and of short blocks of it."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ HIGHEST_HZ = 8000.0
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
 # prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25
+# Empty bins of a block above the band, so that its lowest bins do not leak into the highest.
+GUARD_BINS = 4
 TINY = float(np.finfo(np.float32).tiny)  # instead of 0, where values are divided by
 
 
@@ -68,6 +70,36 @@ class SpectrumAnalyzer:
         """Mean power of spectra (m, k) after the filter in dB, 0 dB for a full-scale square wave; -inf for silence."""
         power = self._power_scale * np.sum(self.response * np.abs(spectra) ** 2) / len(spectra)
         return float(10.0 * np.log10(power)) if power > 0.0 else -np.inf
+
+
+class Blocks:
+    """Cuts a window, given by its spectra inside a band, into overlapping blocks whose powers add up to that of the window.
+
+    Parameters:
+        frequencies (k,) (Hz): frequencies of the window's bins.
+        hop_s (s): distance of the blocks, half of their length; it is rounded so that a whole number fits into the window.
+    """
+
+    def __init__(self, frequencies: NDArray, hop_s: float) -> None:
+        bin_hz = float(frequencies[1] - frequencies[0])
+        hops = max(1, round(1.0 / (bin_hz * hop_s)))
+        self.count = hops + 1
+        self._hop = fft.next_fast_len(-(-len(frequencies) // hops) + GUARD_BINS // 2)
+        self._samples = hops * self._hop
+        self._shape = np.sin(np.pi * (np.arange(2 * self._hop) + 0.5) / (2 * self._hop)).astype(np.float32)
+        self.spacing = 0.5 * hops  # of a block's bins in bins of the window
+        used = int(len(frequencies) / self.spacing)
+        self.frequencies = frequencies[0] + bin_hz * self.spacing * np.arange(used)
+        self.times = (np.arange(hops + 1) / hops - 0.5) / bin_hz  # centres of the blocks (b,) in s from that of the window
+
+    def spectra(self, spectra: NDArray) -> NDArray:
+        """Spectra (m, b, j) of the blocks at `frequencies` (j,), from spectra (m, k) of the window."""
+        signals = fft.ifft(spectra, self._samples)  # complex, moved down by the lowest frequency
+        padded = np.zeros((len(signals), self._samples + 2 * self._hop), signals.dtype)
+        padded[:, self._hop:-self._hop] = signals
+        padded = padded.reshape(len(signals), -1, self._hop)
+        blocks = np.concatenate([padded[:, :-1], padded[:, 1:]], axis=-1) * self._shape
+        return fft.fft(blocks)[..., :len(self.frequencies)]
 
 
 def phases_of(spectra: NDArray) -> NDArray:

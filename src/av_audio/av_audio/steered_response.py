@@ -180,6 +180,16 @@ class SteeredResponse:
         return main / (main + others) if main > 0.0 else 1.0
 
 
+def cross_spectra(spectra: NDArray, pairs: NDArray) -> NDArray:
+    """Cross-spectra X_i conj(X_j) (p, k) of spectra (m, k) for pairs (p, 2).
+
+    Parameters:
+        spectra (m, k): complex spectra of the microphones.
+        pairs (p, 2): indices of the microphones of each pair.
+    """
+    return spectra[pairs[:, 0]] * spectra[pairs[:, 1]].conj()
+
+
 def _interpolation(delays: NDArray, reach: float, count: int) -> csr_array:
     """Matrix (g, u count) that interpolates values at `count` even delays of each baseline and adds those of all baselines.
 
