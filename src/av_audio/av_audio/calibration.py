@@ -1,17 +1,20 @@
-"""Calibration of a pair of microphones, with a body between them, from a source at known azimuths.
+"""Calibration of a pair of microphones, with a body between them, from a source at known azimuths, and what it is good for.
 
-Consensus finds the curve that most estimates agree with; an M-estimator refines it among curves that rise by construction.
+Consensus finds the curve that most estimates agree with; least squares with a limited loss refine it among those that rise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import lsq_linear
-from scipy.stats import binom, norm
+from scipy.optimize import least_squares
+from scipy.special import comb
+from scipy.stats import norm
 
 from av_audio.localizer import DoaEstimate
 from av_common.acoustics import BODY_STRETCH
@@ -21,21 +24,15 @@ from av_common.microphone_array import DelayCurve, MicrophoneArray
 MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of the axis
 MIRRORED = -0.7    # correlation of cosines and paths: those of exchanged sides explain half of what paths differ by
 MIN_CONFIDENCE = 0.9    # as of directions that fusion uses
-# Consensus: trials of two estimates for each rotation of the axis, and the largest misfit in baselines that agrees. With steps
-# of 5 degrees or 50 trials no error changes by a tenth; half of the misfit makes those of few estimates a fifth larger.
-ROTATIONS = np.radians(np.arange(-30.0, 30.1, 2.0))
-TRIALS = 150
-AGREEMENT = 0.06
+AGREEMENT = 0.06    # misfit in baselines that agrees; with half of it errors by few estimates are a fifth larger
+LARGEST_ROTATION = np.radians(30.0)    # of the axis, beyond that of an accepted calibration
 # Degree of the Bernstein polynomial in the angle to the axis; it falls where its coefficients fall (Farouki, 2012).
 DEGREE = 10
 MIN_ANGLES = DEGREE    # of estimates that agree: one for each step of the curve
 LEAST_STEP = 1e-3    # between two coefficients, in baselines
 STIFFNESS = 0.03    # holds terms that the data do not determine; a third or three times as much changes errors by a fifth
-FITS = 12    # iterations; 4 give the same errors
-# Tukey's biweight: estimates beyond this many standard deviations are outliers (95 % efficient for normal errors, Holland and
-# Welsch, 1977); and the least standard deviation in baselines.
-BIWEIGHT = 4.685
-LEAST_SCALE = 0.008
+OUTLIER = 4.7    # standard deviations; of normal errors three in a million are beyond
+LEAST_SCALE = 0.008    # standard deviation in baselines
 # Scatter about the curve: largest misfit in baselines that is none of a wrong estimate, width in baselines in which paths
 # count, weight of all others, and quantile of the misfits.
 LARGEST_MISFIT = 0.36
@@ -43,6 +40,14 @@ NEAR, ELSEWHERE = 0.06, 1e-3
 QUANTILE = 0.8
 # Places of the source that are left out together, by the angle to the axis, and in how many parts all of them are left out.
 PLACE, PARTS = np.radians(10.0), 5
+# RMS in deg of the errors at left-out places up to which a calibration is good; within the angle of the axis it may be worse.
+GOOD_DEG = 3.0
+END_FIRE_DEG = 20.0
+# More outliers, a baseline beyond this factor of the nominal one, or a larger rotation contradict the setup.
+MOST_OUTLIERS = 0.5
+BASELINE_FACTOR = 1.8
+LARGEST_ROTATION_DEG = 25.0
+WIDEST_GAP_DEG = 40.0    # between angles to the axis that were measured
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,21 @@ class Calibration:
                 f'outliers      {np.count_nonzero(self.outliers)} of {self.outliers.size}\n'
                 f'other places  mean error {np.degrees(np.abs(self.left_out).mean()):.2f} deg, '
                 f'{np.degrees(np.abs(self.before).mean()):.2f} deg without calibration')
+
+
+class Verdict(IntEnum):
+    """Exit codes of `calibrate`: 1 and 2 are those of errors and of wrong arguments."""
+
+    GOOD = 0
+    USABLE = 3
+    DO_NOT_USE = 4
+
+
+class Judgement(NamedTuple):
+    """A verdict and its reason in words."""
+
+    verdict: Verdict
+    words: str
 
 
 def search_array(array: MicrophoneArray) -> MicrophoneArray:
@@ -147,6 +167,64 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
                        _left_out(azimuths - axis, relative), before)
 
 
+def judge(calibration: Calibration) -> Judgement:
+    """What a calibration is good for."""
+    complaint = _complaint(calibration)
+    if complaint:
+        return Judgement(Verdict.DO_NOT_USE, f'do not use: {complaint}')
+    angles = np.degrees(calibration.angles[~calibration.outliers])
+    residuals = np.degrees(calibration.left_out[~calibration.outliers])
+    with_curve, without = (float(np.degrees(np.abs(each).mean())) for each in (calibration.left_out, calibration.before))
+    if with_curve >= without:
+        return Judgement(Verdict.DO_NOT_USE, f'do not use: places that were left out are heard {with_curve:.1f} deg wrong on '
+                                             f'average, {without:.1f} deg without calibration')
+    aside = np.abs(angles - 90.0) <= 90.0 - END_FIRE_DEG
+    if _rms(residuals[aside]) > GOOD_DEG:
+        return Judgement(Verdict.DO_NOT_USE, f'do not use: left-out places are {_rms(residuals[aside]):.1f} deg RMS '
+                                             f'wrong, more than {GOOD_DEG:g}; reflections or noise are too strong')
+    if _rms(residuals) > GOOD_DEG or angles.min() > END_FIRE_DEG or angles.max() < 180.0 - END_FIRE_DEG:
+        return Judgement(Verdict.USABLE, f'usable beyond {END_FIRE_DEG:g} deg from end-fire')
+    return Judgement(Verdict.GOOD, 'good')
+
+
+def outlier_lines(calibration: Calibration, times: NDArray) -> list[str]:
+    """A line for each outlier: its time, the true angle to the axis, and the measured one.
+
+    Parameters:
+        calibration: the calibration.
+        times (n,) (s): times of its estimates.
+    """
+    return [f'{times[k]:8.2f} s   {np.degrees(calibration.angles[k]):6.1f} deg, heard at '
+            f'{np.degrees(calibration.angles[k] + calibration.residuals[k]):6.1f} deg'
+            for k in np.flatnonzero(calibration.outliers)]
+
+
+def _complaint(calibration: Calibration) -> str:
+    """What contradicts the setup; empty where nothing does."""
+    share = float(np.mean(calibration.outliers))
+    factor = calibration.baseline / calibration.nominal
+    rotation = float(np.degrees(calibration.axis_offset))
+    angles = np.sort(np.degrees(calibration.angles[~calibration.outliers]))
+    inside = angles[np.abs(angles - 90.0) < 90.0 - END_FIRE_DEG]
+    gaps = np.diff(np.concatenate([[END_FIRE_DEG], inside, [180.0 - END_FIRE_DEG]]))
+    widest = int(np.argmax(gaps))
+    if share > MOST_OUTLIERS:
+        return f'{100.0 * share:.0f} % of the estimates contradict the rest; are times, azimuths and channels right?'
+    if not 1.0 / BASELINE_FACTOR < factor < BASELINE_FACTOR:
+        return (f'a baseline of {1e3 * calibration.baseline:.0f} mm, where the array file has {1e3 * calibration.nominal:.0f}; '
+                'is the array file right?')
+    if abs(rotation) > LARGEST_ROTATION_DEG:
+        return f'the axis is turned by {rotation:+.0f} deg; are the azimuths counter-clockwise from x of the array?'
+    if gaps[widest] > WIDEST_GAP_DEG:
+        begin = END_FIRE_DEG if widest == 0 else inside[widest - 1]
+        return f'no angles between {begin:.0f} and {begin + gaps[widest]:.0f} deg from the axis'
+    return ''
+
+
+def _rms(values: NDArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.inf
+
+
 def _fit(azimuths: NDArray, paths: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
     """Bernstein coefficients, rotation of the axis and outliers; parameters as of `_refine`."""
     return _refine(azimuths, paths, *_consensus(azimuths, paths))
@@ -183,38 +261,26 @@ def _cosines(grid: NDArray) -> NDArray:
 def _consensus(azimuths: NDArray, paths: NDArray) -> tuple[float, NDArray]:
     """Rotation of the axis in rad and weights (2,) of cosine and angle of the curve that most estimates agree with.
 
-    The curve is that of a sphere (Woodworth, 1938) with any ratio of both terms. Two estimates determine it, as in RANSAC
-    (Fischler and Bolles, 1981); the score limits each misfit (MSAC, Torr and Zisserman, 2000).
+    The curve is that of a sphere (Woodworth, 1938) with any ratio of both terms. The loss is limited more and more, so that
+    all estimates tell where it begins, and those that agree where it ends (Blake and Zisserman, 1987).
 
     Parameters:
         azimuths (n,) (rad): true azimuths from the nominal axis.
         paths (n,): path differences in nominal baselines.
     """
-    rng = np.random.default_rng(0)
-    best = np.inf, 0.0, np.array([1.0, 0.0])
-    picked = rng.integers(len(paths), size=(TRIALS, 2))
-    for rotation in ROTATIONS:
-        terms = _terms(np.abs(wrap(azimuths - rotation)))
-        chosen = terms[picked]
-        solvable = np.abs(np.linalg.det(chosen)) > 1e-6
-        candidates = np.linalg.solve(chosen[solvable], paths[picked[solvable], None])[..., 0]
-        candidates = candidates[(candidates >= -1e-9).all(axis=1) & (candidates.sum(axis=1) > 0.1)]
-        if not len(candidates):
-            continue
-        misfits = np.minimum((candidates @ terms.T - paths) ** 2, AGREEMENT**2).mean(axis=1)
-        least = int(np.argmin(misfits))
-        # between equal fits, the smaller rotation
-        score = float(misfits[least]) + 1e-3 * AGREEMENT**2 * abs(rotation)
-        if score < best[0]:
-            best = score, float(rotation), candidates[least]
-    return best[1], best[2]
+    found = np.array([0.0, 1.0, 0.0])
+    for scale in AGREEMENT * 2.0 ** np.arange(4, -1, -1):
+        found = least_squares(
+            lambda values, scale=scale: _limited((_terms(np.abs(wrap(azimuths - values[0]))) @ values[1:] - paths) / scale),
+            found, bounds=([-LARGEST_ROTATION, 0.0, 0.0], [LARGEST_ROTATION, np.inf, np.inf])).x
+    return float(found[0]), found[1:]
 
 
 def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
             ) -> tuple[NDArray, float, NDArray[np.bool_]]:
     """Bernstein coefficients (DEGREE + 1,) of the path by angle, rotation of the axis, outliers (n,).
 
-    Iteratively reweighted least squares with Tukey's biweight. The coefficients fall by at least LEAST_STEP.
+    The coefficients fall by at least LEAST_STEP.
 
     Parameters:
         azimuths (n,) (rad): true azimuths from the nominal axis.
@@ -223,34 +289,30 @@ def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
     """
     grid = np.linspace(0.0, np.pi, 61)
     model = np.linalg.lstsq(_bernstein(grid), _terms(grid) @ weights, rcond=None)[0]
-    to_coefficients = np.tril(np.ones((DEGREE + 1, DEGREE + 1)))    # of the first one and the (negative) steps
-    to_coefficients[:, 1:] *= -1.0
-    curvature = np.diff(np.eye(DEGREE + 1), 2, axis=0)
-    coefficients = model
-    scale = AGREEMENT / 2.0
-    for _ in range(FITS):
-        signed = wrap(azimuths - offset)
-        basis = _bernstein(np.abs(signed))
-        residuals = basis @ coefficients - paths
-        kept = np.abs(residuals) < BIWEIGHT * scale
-        if np.count_nonzero(kept) < MIN_ANGLES:
-            raise ValueError(f'{np.count_nonzero(kept)} of {len(paths)} estimates agree, at least {MIN_ANGLES} are needed')
-        root = np.where(kept, 1.0 - (residuals / (BIWEIGHT * scale)) ** 2, 0.0)    # of the biweight
-        turn = -np.sign(signed) * (_bernstein_slope(np.abs(signed)) @ coefficients)
-        stiffness = STIFFNESS * np.sqrt(np.sum(root**2))
-        matrix = np.block([
-            [root[:, None] * basis @ to_coefficients, (root * turn)[:, None]],
-            [stiffness * curvature @ to_coefficients, np.zeros((len(curvature), 1))],
-            [np.zeros((1, DEGREE + 1)), np.array([[stiffness]])]])
-        target = np.concatenate([root * paths, stiffness * curvature @ model, [0.0]])
-        low = np.concatenate([[-np.inf], np.full(DEGREE, LEAST_STEP), [-0.05]])
-        high = np.concatenate([np.full(DEGREE + 1, np.inf), [0.05]])
-        solution = lsq_linear(matrix, target, (low, high)).x
-        coefficients = to_coefficients @ solution[:-1]
-        offset += float(solution[-1])
-        misfits = np.abs(_bernstein(np.abs(wrap(azimuths - offset))) @ coefficients - paths)
-        scale = max(LEAST_SCALE, 1.4826 * float(np.median(misfits[misfits < 2.0 * AGREEMENT])))
-    return coefficients, offset, misfits > BIWEIGHT * scale
+    stiffness = STIFFNESS * np.sqrt(len(paths)) / AGREEMENT
+
+    def misfits(values: NDArray) -> NDArray:
+        return _bernstein(np.abs(wrap(azimuths - values[-1]))) @ coefficients(values) - paths
+
+    def errors(values: NDArray) -> NDArray:
+        return np.concatenate([_limited(misfits(values) / AGREEMENT), stiffness * np.diff(coefficients(values) - model, 2)])
+
+    def coefficients(values: NDArray) -> NDArray:  # of the first one, the steps down, and the rotation
+        return values[0] - np.concatenate([[0.0], np.cumsum(values[1:-1])])
+
+    begin = np.concatenate([model[:1], np.maximum(-np.diff(model), 2.0 * LEAST_STEP), [offset]])
+    least = np.concatenate([[-np.inf], np.full(DEGREE, LEAST_STEP), [-np.inf]])
+    found = least_squares(errors, begin, bounds=(least, np.inf)).x
+    apart = np.abs(misfits(found))
+    near = apart[apart < 2.0 * AGREEMENT]
+    if len(near) < MIN_ANGLES:
+        raise ValueError(f'{len(near)} of {len(paths)} estimates agree, at least {MIN_ANGLES} are needed')
+    return coefficients(found), float(found[-1]), apart > OUTLIER * max(LEAST_SCALE, 1.4826 * float(np.median(near)))
+
+
+def _limited(errors: NDArray) -> NDArray:
+    """Errors (n,) whose squares are the loss of Geman and McClure (1987): far estimates do not count."""
+    return errors / np.sqrt(1.0 + errors**2)
 
 
 def _scatter(places: NDArray, paths: NDArray, misfits: NDArray) -> NDArray:
@@ -276,14 +338,10 @@ def _terms(angles: NDArray) -> NDArray:
     return np.stack([np.cos(angles), 0.5 * np.pi - angles], axis=-1)
 
 
-def _bernstein(angles: NDArray, degree: int = DEGREE) -> NDArray:
-    """Bernstein polynomials (n, degree + 1) at angles (n,) from 0 to pi."""
-    return binom.pmf(np.arange(degree + 1), degree, np.clip(np.asarray(angles)[:, None] / np.pi, 0.0, 1.0))
-
-
-def _bernstein_slope(angles: NDArray) -> NDArray:
-    """Derivatives (n, DEGREE + 1) of the Bernstein polynomials by the angle in rad."""
-    return -DEGREE / np.pi * _bernstein(angles, DEGREE - 1) @ np.diff(-np.eye(DEGREE + 1), axis=0)
+def _bernstein(angles: NDArray) -> NDArray:
+    """Bernstein polynomials (n, DEGREE + 1) at angles (n,) from 0 to pi."""
+    share, numbers = np.asarray(angles)[:, None] / np.pi, np.arange(DEGREE + 1)
+    return comb(DEGREE, numbers) * share**numbers * (1.0 - share) ** (DEGREE - numbers)
 
 
 def _stretched_and_rotated(array: MicrophoneArray, stretch: float, rotation: float) -> NDArray:

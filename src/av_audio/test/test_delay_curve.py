@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.calibration import calibrate
-from av_audio.calibration_report import Verdict, judge
+from av_audio.calibration import Verdict, calibrate, judge
 from av_audio.cli.guided_recording import record
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray

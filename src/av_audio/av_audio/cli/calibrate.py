@@ -12,6 +12,7 @@ Exit codes: 0 good, 3 usable beyond 20 degrees from end-fire, 4 do not use (no a
 from __future__ import annotations
 
 import argparse
+import csv
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -20,27 +21,72 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.calibration import Calibration, calibrate, measured_path, search_array
-from av_audio.calibration_report import Verdict, judge, outlier_lines
+from av_audio.calibration import Calibration, Verdict, calibrate, judge, measured_path, outlier_lines, search_array
 from av_audio.cli.guided_recording import record
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
 from av_audio.device_source import DeviceSource
-from av_audio.tables import read_table
+from av_common.files import MEGABYTE, one_line, read_text, shown
 from av_common.microphone_array import MicrophoneArray
 
+COLUMNS = ('time', 'azimuth_deg')
+SEPARATORS = ';\t, '
+MOST_BYTES = 10 * MEGABYTE    # two hours of azimuths, 100 a second, of 14 bytes
 # Places of the loudspeaker in guided mode, in degrees: both ends of the axis, in front and behind.
 PLACES_DEG = (*range(-90, 91, 15), 120, 150, 180, -150, -120)
 
 
 def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
-    """Times (n,) in s and azimuths (n,) in rad, unwrapped, NaN if empty. Raises OSError or ValueError that names the file."""
-    times, azimuths = read_table(path, ('time', 'azimuth_deg'), optional=('azimuth_deg',)).T
+    """Times (n,) in s and azimuths (n,) in rad, unwrapped, NaN where a field is empty, from a table as people save them.
+
+    Capitals, quotes and spaces around names and numbers, empty lines, other columns and their order do not matter. Fields are
+    separated by commas, semicolons, tabs or spaces; where commas do not separate, they may be decimal. No line may have more
+    fields than the first.
+
+    Parameters:
+        path: the file, in UTF-8, or in UTF-16 with its mark.
+
+    Raises OSError, or ValueError with the file, the line, its value and what is expected.
+    """
+    lines = [(number, line) for number, line in enumerate(read_text(path, MOST_BYTES).splitlines(), 1)
+             if line.strip(' \t,;') and not line.lower().startswith('sep=')]
+    head = lines[0][1] if lines else ''
+    for separator in SEPARATORS:
+        names = [name.casefold() for name in _fields(head, separator)]
+        if set(COLUMNS) <= set(names):
+            break
+    else:
+        raise ValueError(f'{path}: the first line is {shown(one_line(head))}, expected the columns {" and ".join(COLUMNS)}')
+    rows = []
+    for number, line in lines[1:]:
+        fields = _fields(line, separator)
+        if any(fields[len(names):]):    # decimal commas between commas
+            raise ValueError(f'{path}, line {number}: {shown(one_line(line))} has more fields than the first line')
+        time, azimuth = (fields[place] if place < len(fields) else '' for place in map(names.index, COLUMNS))
+        if separator != ',':
+            time, azimuth = time.replace(',', '.'), azimuth.replace(',', '.')
+        try:
+            rows.append((float(time), float(azimuth or 'nan')))
+        except ValueError as error:
+            raise ValueError(f'{path}, line {number}: {shown(one_line(line))}, expected numbers in the columns '
+                             f'{" and ".join(COLUMNS)}') from error
+    if not rows:
+        raise ValueError(f'{path} has no rows')
+    times, azimuths = np.array(rows).T
     falls = np.flatnonzero(~(np.diff(times) > 0.0))
     if len(falls):
         raise ValueError(f'{path}: time {times[falls[0] + 1]:g} follows {times[falls[0]]:g}, expected times that rise')
     known = np.isfinite(azimuths)
     azimuths[known] = np.unwrap(np.radians(azimuths[known]))
     return times, azimuths
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    if separator == ' ':
+        return line.split()
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error:  # a field longer than csv takes
+        return [line]
 
 
 def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
