@@ -1,24 +1,31 @@
-"""Reading of sound files, and a source that plays one in real time."""
+"""Reading of sound files, and a source that plays one in real time.
+
+Of wav files of recorders that were killed, the header does not know of the samples that follow it.
+Sources: Multimedia Programming Interface and Data Specifications 1.0 (IBM and Microsoft, 1991), EBU Tech 3306 (RF64).
+"""
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
 from av_audio.ring_buffer import RingBuffer
-from av_audio.unfinished_wav import unfinished_wav
 from av_common.files import check_file, one_line
 from av_common.microphone_array import MOST_MICROPHONES
 
 SAMPLE_RATES = (1000, 384_000)    # Hz; converters for sound have 8 to 384 kHz
 FRAMES_UNKNOWN = 2**63 - 1    # `frames` of a file whose header states no length
+UNKNOWN = struct.pack('<I', 2**32 - 1)    # size of data of a wav file that go on to the end of the file
+_CHUNK = struct.Struct('<4sI')
 MOST_SAMPLES = 50_000_000    # of a file that is read as a whole (200 MB): two channels at 48 kHz for nine minutes
 
 
@@ -172,12 +179,10 @@ class FileSource:
     def _blocks(self, first: int) -> Iterator[NDArray]:
         """Blocks (n, channels) from a sample of the stream on; they also end where the file is gone, as with its disk."""
         with suppress(OSError, ValueError, soundfile.LibsndfileError):
-            if self._file.frames == FRAMES_UNKNOWN:  # nor can it seek beyond
-                self._rewind()
-                for _ in range(first // self._block):
-                    self._read_block()
-            else:
-                self._file.seek(first % self._file.frames if self._loop else min(first, self._file.frames))
+            self._rewind()
+            for _ in range(first // self._block):
+                if not len(self._read_block()):
+                    return
             while len(block := self._read_block()):
                 yield block
 
@@ -197,9 +202,68 @@ class FileSource:
         return np.concatenate(blocks)[:, self._picked]
 
     def _rewind(self) -> None:
-        """Go to the beginning; libsndfile cannot, after the end of a file whose header states no length."""
-        if self._file.frames == FRAMES_UNKNOWN:
-            self._file.close()
-            self._file = open_sound(self._path)
-        else:
-            self._file.seek(0)
+        """Go to the beginning, which libsndfile cannot after the end of a file whose header states no length."""
+        self._file.close()
+        self._file = open_sound(self._path)
+
+
+class UnfinishedWav:
+    """A file that is open for reading with some bytes of its header replaced, as `soundfile.SoundFile` takes it.
+
+    Parameters:
+        file: the file.
+        at: place of the replaced bytes.
+        content: what is read there.
+    """
+
+    def __init__(self, file: BinaryIO, at: int, content: bytes) -> None:
+        self._file, self._at, self._content = file, at, content
+        self.seek, self.tell = file.seek, file.tell
+        file.seek(0)
+
+    def read(self, size: int = -1) -> bytes:
+        """The next bytes."""
+        begin = self._file.tell()
+        data = bytearray(self._file.read(size))
+        for k, value in enumerate(self._content):
+            if 0 <= self._at + k - begin < len(data):
+                data[self._at + k - begin] = value
+        return bytes(data)
+
+
+def unfinished_wav(path: Path) -> UnfinishedWav | None:
+    """A wav file with the size of its data set right; None for one that is right, and for other files. Raises OSError.
+
+    The size is wrong where it is 0, or where what follows the data is neither the end of the file nor further chunks.
+    """
+    file = path.open('rb')
+    kind, form = file.read(4), file.read(8)[4:]
+    end = file.seek(0, 2)
+    place = 12
+    while kind in (b'RIFF', b'RF64') and form == b'WAVE' and place + 8 <= end:
+        file.seek(place)
+        name, size = _CHUNK.unpack(file.read(8))
+        large = kind == b'RF64' and name == b'ds64' and place + 24 <= end
+        if large:
+            file.seek(place + 16)
+            total, = struct.unpack('<Q', file.read(8))
+        if large and total == 0:
+            return UnfinishedWav(file, place + 16, struct.pack('<Q', end))
+        if name == b'data':
+            if kind == b'RIFF' and place + 8 < end and (size == 0 or not _ends(file, place + 8 + size, end)):
+                return UnfinishedWav(file, place + 4, UNKNOWN)
+            break
+        place += 8 + size + size % 2
+    file.close()
+    return None
+
+
+def _ends(file: BinaryIO, place: int, end: int) -> bool:
+    """Whether a file that ends at `end` has only chunks, or nothing, from `place` on."""
+    while place + 8 < end:
+        file.seek(place + place % 2)
+        name, size = _CHUNK.unpack(file.read(8).ljust(8, b'\0'))
+        if not name.isascii() or not name.decode('ascii').isprintable():
+            return False
+        place += place % 2 + 8 + size
+    return True

@@ -93,8 +93,7 @@ def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
     """Fit the array to a recording; also the times (n,) in s of the estimates. Raises OSError or ValueError."""
     array = MicrophoneArray.load(options.array)
     times, azimuths = read_truth(options.truth)
-    estimates = localize_file(options.file, search_array(array), settings_from(options), options.channels, sys.stderr.isatty(),
-                              options.ego_noise)
+    estimates = localize_file(options.file, search_array(array), settings_from(options), options.channels, options.ego_noise)
     measured_times, paths = measured_path(array, estimates)
     true_azimuths = np.interp(measured_times, times, azimuths, np.nan, np.nan)
     known = np.isfinite(true_azimuths)

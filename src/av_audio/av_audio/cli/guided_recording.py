@@ -6,11 +6,11 @@ import csv
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.device_source import DeviceSource
 from av_audio.ring_buffer import RingBuffer
 from av_common.files import one_line
 
@@ -18,20 +18,7 @@ BUFFER_BYTES = 4_000_000    # 10 s of two channels at 48 kHz
 SILENT_S = 5.0    # without samples, after which the device counts as lost
 
 
-class Source(Protocol):
-    """What DeviceSource offers."""
-
-    sample_rate: int
-    channels: int
-
-    def start(self, buffer: RingBuffer) -> None:
-        """Open the device. Raises ValueError with the reason."""
-
-    def stop(self) -> None:
-        """Close the device."""
-
-
-def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound: str | Path, truth: str | Path,
+def record(source: DeviceSource, azimuths_deg: Sequence[float], dwell_s: float, sound: str | Path, truth: str | Path,
            ask: Callable[[str], object] = input) -> None:
     """Record a loudspeaker at each azimuth, and write the sound and a table of times and azimuths.
 
@@ -56,7 +43,7 @@ def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound:
             table.writerows([[k * dwell_s, azimuth], [(k + 1) * dwell_s - 1e-3, azimuth]])
 
 
-def record_sound(source: Source, requests: Sequence[str], dwell_s: float, path: str | Path,
+def record_sound(source: DeviceSource, requests: Sequence[str], dwell_s: float, path: str | Path,
                  ask: Callable[[str], object] = input) -> None:
     """Write what a device hears for `dwell_s` s after each request was fulfilled. Parameters and errors as of `record`.
 
@@ -72,7 +59,7 @@ def record_sound(source: Source, requests: Sequence[str], dwell_s: float, path: 
     soundfile.write(str(path), np.concatenate(pieces(source, requests, dwell_s, ask)), source.sample_rate)
 
 
-def pieces(source: Source, requests: Sequence[str], dwell_s: float, ask: Callable[[str], object]) -> list[NDArray]:
+def pieces(source: DeviceSource, requests: Sequence[str], dwell_s: float, ask: Callable[[str], object]) -> list[NDArray]:
     """What a device hears (n, channels) for `dwell_s` s after each request was fulfilled; other parameters as of `record`."""
     buffer = RingBuffer(source.channels, BUFFER_BYTES)
     heard: list[NDArray] = []

@@ -50,7 +50,7 @@ def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
-                  progress: bool = False, ego_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
+                  ego_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
     """Estimates for a sound file, which is read block by block. Faults of the channels are printed on standard error.
 
     As in doa_node, channels with severe faults are left out, and directions that need them have no confidence.
@@ -60,7 +60,6 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         array: positions of the microphones.
         settings: settings of the localizer.
         channels: channels of the file in the order of the microphones; empty for all.
-        progress: print the progress on standard error.
         ego_noise: sound file of the rig alone, recorded with the same microphones.
 
     Raises OSError or ValueError that name what does not fit.
@@ -83,9 +82,6 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
             yield from estimates
             windows += len(estimates)
             first_sample += len(block)
-            if progress:
-                end = '\n' if first_sample >= file.frames else ''
-                print(f'\r{100 * first_sample // max(1, file.frames):3d} %', end=end, file=sys.stderr, flush=True)
         heard = first_sample / file.samplerate
         if heard < settings.window_s:
             raise ValueError(f'{path} lasts {heard:.3f} s, less than one window of {settings.window_s:g} s; '
@@ -149,10 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         array = MicrophoneArray.load(options.array)
-        progress = sys.stderr.isatty()
         records = [to_record(estimate) for estimate in
-                   localize_file(options.file, array, settings_from(options), options.channels, progress,
-                                 options.ego_noise)]
+                   localize_file(options.file, array, settings_from(options), options.channels, options.ego_noise)]
     except (OSError, ValueError) as error:
         sys.exit(f'localize: {error}')
     if options.json:
