@@ -136,7 +136,8 @@ class BandSearch:
         """Learn the rig's own noise from windows (b, m, n), and what it leaves after whitening by other windows."""
         self._noise: EgoNoise | None = None
         self._alone: list[EgoPeaks] = []  # the highest in each window, and the next
-        self._usual = EgoValues.none(self._count, len(self.grid))
+        nothing = np.zeros((self._count, len(self.grid)), np.float32)
+        self._usual = EgoValues(nothing, nothing + 1)
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
         if not windows:
             return

@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.drone_features import FUNDAMENTAL_SIGMA, HIGHEST_HZ, DroneFeatures
+from av_audio.drone_features import FUNDAMENTAL_SIGMA, DroneFeatures
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.source_spectra import SourceSpectra
@@ -31,33 +30,18 @@ class Judgement(NamedTuple):
     variance: float = math.nan
 
 
-class DroneClassifier:
+class DroneClassifier(SourceSpectra):
     """Judges the newest second of sound from directions. What former windows said is forgotten.
 
     Parameters:
-        array: positions of the microphones.
-        sample_rate (Hz): sample rate; below twice the highest frequency of the features nothing is judged.
-        speed_of_sound (m/s): speed of sound.
+        array, sample_rate, speed_of_sound, ego_noise: see `SourceSpectra`.
         model: see `DroneModel`.
-        ego_noise: recording of the rig alone, by whose noise spectra are whitened; None whitens nothing.
     """
 
     def __init__(self, array: MicrophoneArray, sample_rate: int, speed_of_sound: float, model: DroneModel,
                  ego_noise: NoiseRecording | None = None) -> None:
+        super().__init__(array, sample_rate, speed_of_sound, ego_noise)
         self._model, self._features = model, DroneFeatures()
-        self._spectra = None
-        if sample_rate >= 2.0 * HIGHEST_HZ:
-            self._spectra = SourceSpectra(array, sample_rate, speed_of_sound, ego_noise)
-
-    def clear(self) -> None:
-        """Discard samples, after a gap."""
-        if self._spectra is not None:
-            self._spectra.clear()
-
-    def add(self, samples: NDArray[np.float32]) -> None:
-        """Take the next samples (n, m) of the stream, full scale 1."""
-        if self._spectra is not None:
-            self._spectra.add(samples)
 
     def judge(self, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Judgement]:
         """What is known of the sound from each direction; those of the other directions are separated from it.
@@ -66,10 +50,10 @@ class DroneClassifier:
             directions: measured projections q (rank,) of the directions on the array's basis, of different sources.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors.
         """
-        if self._spectra is None or not self._spectra.is_full:
+        if not self.is_full:
             return [Judgement()] * len(directions)
         judged = []
-        for segment in self._spectra.steered(directions, blade_pass_hz):
+        for segment in self.steered(directions, blade_pass_hz):
             probability = 1.0 / (1.0 + math.exp(-self._model.log_odds(self._features(segment), self._features.lines(segment))))
             fundamental = self._features.fundamental(segment)
             judged.append(Judgement(probability, fundamental, (FUNDAMENTAL_SIGMA * fundamental) ** 2))

@@ -33,16 +33,6 @@ class EgoValues(NamedTuple):
     deviation: NDArray
 
     @classmethod
-    def none(cls, bands: int, directions: int) -> EgoValues:
-        """Where the rig alone is not known.
-
-        Parameters:
-            bands, directions: their numbers.
-        """
-        zero, one = (np.broadcast_to(np.float32(value), (bands, directions)) for value in (0.0, 1.0))
-        return cls(zero, one)
-
-    @classmethod
     def of(cls, values: NDArray, starts: NDArray) -> EgoValues:
         """Learn from windows.
 

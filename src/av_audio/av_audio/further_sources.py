@@ -151,13 +151,11 @@ class FurtherSources(SteeredResponse):
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
-        return replace(peak, covariance=peak.covariance / self._significance**2)
-
-    def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
-        significance *= self._significance
-        if self._array.channels > 2:
-            return significance
-        return min(significance, WIDE_SIGNIFICANCE * height / spread_of(np.add.reduceat(bins, self._wide)))
+        significance = self._significance * peak.significance
+        if self._array.channels == 2 and significance > 0.0:
+            wide = np.add.reduceat(self._steer(weighted, q).sum(axis=0), self._wide)
+            significance = min(significance, WIDE_SIGNIFICANCE * peak.height / spread_of(wide))
+        return replace(peak, significance=significance, covariance=peak.covariance / self._significance**2)
 
     def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:
         """The peak of source k without the others, to which its direction is moved."""

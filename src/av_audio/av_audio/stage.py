@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray
 
 from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
+from av_audio.drone_features import HIGHEST_HZ
 from av_audio.drone_model import DroneModel
-from av_audio.ego_learning import EgoLearning
-from av_audio.ego_noise import NoiseRecording
+from av_audio.ego_noise import EgoLearning, NoiseRecording
 from av_audio.file_source import SAMPLE_RATES
 from av_audio.health import ChannelFault, ChannelHealth
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings, distrusted
@@ -40,7 +40,8 @@ class DoaStage:
         ego_noise: recording of the rig alone, by whose noise spectra are whitened; None whitens nothing.
         rotor_blades: blades of each of the rig's own rotors, with which motor speeds become the frequencies that are
             notched; 0 ignores motor speeds.
-        drone_model: judges whether what is heard is a drone; None leaves the probability unknown.
+        drone_model: judges whether what is heard is a drone; None leaves the probability unknown, as does a sample rate below
+            twice the highest frequency of its features.
     """
 
     def __init__(self, array: MicrophoneArray, settings: LocalizerSettings | None = None,
@@ -193,7 +194,7 @@ class DoaStage:
         if ego_noise is not None and self._part is not self._array:
             ego_noise = ego_noise._replace(samples=ego_noise.samples[:, usable])
         localizer = Localizer(self._part, rate, self._settings, ego_noise)
-        if self._drone_model is not None:
+        if self._drone_model is not None and rate >= 2.0 * HIGHEST_HZ:
             self._classifier = DroneClassifier(self._part, rate, speed_of_sound(self._settings.temperature_c),
                                                self._drone_model, ego_noise)
         return localizer

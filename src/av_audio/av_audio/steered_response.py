@@ -133,8 +133,7 @@ class SteeredResponse:
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         steered = self._steer(weighted, q)
         _, hessian = self._derivatives(steered)
-        bins = steered.sum(axis=0)
-        clusters = np.add.reduceat(bins, self._clusters)
+        clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
         height = float(clusters.real.sum())
         spread = spread_of(clusters)
         if spread == 0.0 or height <= 0.0 or not is_positive(hessian):
@@ -146,17 +145,7 @@ class SteeredResponse:
         bias = self._reflections(clusters, height, inverse)
         log_likelihood = _log_likelihood(curve - height, covariance, hessian)
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
-        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height)
-
-    def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
-        """Significance of a peak as that of a source.
-
-        Parameters:
-            bins (k,): steered cross-spectra, summed over the pairs.
-            height: height of the peak.
-            significance: its height over the spread of the clusters.
-        """
-        return significance
+        return Peak(q, covariance, bias, significance, main_share, height)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections; none unless overridden.

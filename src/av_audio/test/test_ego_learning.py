@@ -6,8 +6,7 @@ from flying_rig import FlyingRig
 from known_sound import PAIR, RATE
 from std_msgs.msg import Header
 
-from av_audio.ego_learning import LEARNED_S, EgoLearning
-from av_audio.ego_noise import NoiseRecording
+from av_audio.ego_noise import LEARNED_S, EgoLearning, NoiseRecording
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
 from av_common.angles import wrap

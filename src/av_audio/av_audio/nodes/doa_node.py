@@ -11,7 +11,7 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from av_audio.ego_learning import LEARNED_S
+from av_audio.ego_noise import LEARNED_S
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_audio.stage import localizer_settings, make_doa_stage
 from av_audio.start_check import check_ages, check_hearing
