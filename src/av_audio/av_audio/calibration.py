@@ -25,7 +25,6 @@ MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of th
 MIRRORED = -0.7    # correlation of cosines and paths: those of exchanged sides explain half of what paths differ by
 MIN_CONFIDENCE = 0.9    # as of directions that fusion uses
 AGREEMENT = 0.06    # misfit in baselines that agrees; with half of it errors by few estimates are a fifth larger
-LARGEST_ROTATION = np.radians(30.0)    # of the axis, beyond that of an accepted calibration
 # Degree of the Bernstein polynomial in the angle to the axis; it falls where its coefficients fall (Farouki, 2012).
 DEGREE = 10
 MIN_ANGLES = DEGREE    # of estimates that agree: one for each step of the curve
@@ -33,10 +32,8 @@ LEAST_STEP = 1e-3    # between two coefficients, in baselines
 STIFFNESS = 0.03    # holds terms that the data do not determine; a third or three times as much changes errors by a fifth
 OUTLIER = 4.7    # standard deviations; of normal errors three in a million are beyond
 LEAST_SCALE = 0.008    # standard deviation in baselines
-# Scatter about the curve: largest misfit in baselines that is none of a wrong estimate, width in baselines in which paths
-# count, weight of all others, and quantile of the misfits.
+# Scatter about the curve: largest misfit in baselines that is none of a wrong estimate, and quantile of the misfits.
 LARGEST_MISFIT = 0.36
-NEAR, ELSEWHERE = 0.06, 1e-3
 QUANTILE = 0.8
 # Places of the source that are left out together, by the angle to the axis, and in how many parts all of them are left out.
 PLACE, PARTS = np.radians(10.0), 5
@@ -268,11 +265,11 @@ def _consensus(azimuths: NDArray, paths: NDArray) -> tuple[float, NDArray]:
         azimuths (n,) (rad): true azimuths from the nominal axis.
         paths (n,): path differences in nominal baselines.
     """
-    found = np.array([0.0, 1.0, 0.0])
+    found, most = np.array([0.0, 1.0, 0.0]), np.radians(1.2 * LARGEST_ROTATION_DEG)
     for scale in AGREEMENT * 2.0 ** np.arange(4, -1, -1):
         found = least_squares(
             lambda values, scale=scale: _limited((_terms(np.abs(wrap(azimuths - values[0]))) @ values[1:] - paths) / scale),
-            found, bounds=([-LARGEST_ROTATION, 0.0, 0.0], [LARGEST_ROTATION, np.inf, np.inf])).x
+            found, bounds=([-most, 0.0, 0.0], [most, np.inf, np.inf])).x
     return float(found[0]), found[1:]
 
 
@@ -328,7 +325,7 @@ def _scatter(places: NDArray, paths: NDArray, misfits: NDArray) -> NDArray:
     """
     kept = np.argsort(misfits)[:np.count_nonzero(misfits < LARGEST_MISFIT)]
     apart = np.clip(paths[kept], places.min(), places.max()) - places[:, None]
-    weights = np.exp(-0.5 * (apart / NEAR) ** 2) + ELSEWHERE
+    weights = np.exp(-0.5 * (apart / AGREEMENT) ** 2) + 1.0 / len(paths)  # all others together count as one
     reached = np.cumsum(weights, axis=1) >= QUANTILE * weights.sum(axis=1, keepdims=True)
     return np.maximum(misfits[kept][np.argmax(reached, axis=1)] / norm.ppf(0.5 + 0.5 * QUANTILE), LEAST_SCALE)
 
