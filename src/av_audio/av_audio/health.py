@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.special import rel_entr
 
-from av_audio.channel_order import OUTLIER, ChannelOrder
 from av_audio.spacing import CLEARER, LONGEST_S, PEAK_SIGMAS, WINDOW_S, delay_curve
 from av_common.acoustics import BODY_STRETCH, speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -30,10 +28,13 @@ INCOHERENT = 1e-3    # probability that noise alone is as coherent in an octave
 ALARM = math.log(1e6)
 VOTE = math.log(9.0)
 # What a window adds to the evidence, and what one without it takes. Facts need no vote.
-STEPS = {'dead': (ALARM / 3.0, -ALARM), 'copy': (ALARM / 3.0, -ALARM), 'offset': (ALARM / 3.0, -ALARM), 'clips': (ALARM, -0.5),
-         'quiet': (VOTE, -VOTE), 'inverted': (VOTE, -VOTE), 'late': (VOTE, -VOTE), 'apart': (VOTE, -VOTE),
-         'exchanged': (VOTE, -VOTE)}
+STEPS = {**dict.fromkeys(('dead', 'copy', 'offset'), (ALARM / 3.0, -ALARM)), 'clips': (ALARM, -0.5),
+         **dict.fromkeys(('quiet', 'inverted', 'late', 'apart', 'exchanged'), (VOTE, -VOTE))}
 SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart', 'exchanged')    # directions are wrong by them, or there are none
+# Of exchanged channels: share of the array's radius by which positions and wavefronts are off, and radii of the nearest source.
+TOLERANCE = 0.05
+NEAREST = 1.5
+OUTLIER = 3.0  # standard deviations
 GAIN_MEND = 'look at its plug and gain: alsamixer'
 
 # By kind and channels, what is wrong in words.
@@ -79,7 +80,7 @@ class ChannelHealth:
         distances = [0.0 if array is None else float(np.linalg.norm(array.positions[i] - array.positions[j]))
                      for i, j in self._pairs]
         self._permitted = BODY_STRETCH * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
-        self._order = None if array is None else ChannelOrder(array, sample_rate, BODY_STRETCH)
+        self._order = None if array is None else ChannelOrder(array, sample_rate)
         self._taper, self._frequencies = np.hanning(self._window), fft.rfftfreq(self._window, 1.0 / sample_rate)
         edges = np.searchsorted(self._frequencies, (OCTAVES_HZ, 2.0 * OCTAVES_HZ)).T
         self._octaves = [slice(begin, end) for begin, end in edges.tolist() if end - begin >= LEAST_BINS]
@@ -176,7 +177,7 @@ class ChannelHealth:
         found, kinds = self._levels(ratios, deaf)
         if self._order is None:
             return found, kinds
-        exchanged = self._order.exchanged(np.array(peaks), VOTE)
+        exchanged = self._order.exchanged(np.array(peaks))
         if exchanged and not self._is_one_wave(spectra, peaks):
             exchanged = None
         if exchanged is not None:
@@ -274,6 +275,74 @@ class ChannelHealth:
         return found, {'quiet'} if any(math.isfinite(least) for least, _ in ratios) else set()
 
 
+class ChannelOrder:
+    """Hypotheses of two exchanged channels, each of which a plane wave fits, or does not.
+
+    A plane wave arrives at times that are linear in the positions. Of m microphones that span r dimensions, m - 1 - r
+    combinations of delays are 0, by each hypothesis others. Exchanges that are symmetries of the array, such as of opposite
+    corners of a square, only mirror directions; they are no hypotheses, and of several that differ by such a symmetry none is
+    better.
+
+    Parameters:
+        array: the microphones.
+        sample_rate (Hz): sample rate.
+    """
+
+    def __init__(self, array: MicrophoneArray, sample_rate: float) -> None:
+        centred, speed = array.positions - array.positions.mean(axis=0), speed_of_sound(20.0)
+        self._squares = np.sum(centred**2, axis=1) / speed**2
+        self._bend = 0.5 / (NEAREST * math.sqrt(float(self._squares.max())))
+        shape, widths, _ = np.linalg.svd(centred, full_matrices=False)
+        self._shape = shape[:, :array.rank]
+        self._crossing = widths[:array.rank] / speed
+        self._sigma = math.hypot(0.5 / sample_rate, TOLERANCE * float(self._crossing[0]) / math.sqrt(array.channels))
+        self._closure = OUTLIER * 0.5 * math.sqrt(array.channels) / sample_rate
+        degrees = array.channels - 1 - array.rank    # of freedom of what is left: chi-square's mean, half its variance
+        self._most = degrees + OUTLIER * math.sqrt(2.0 * degrees) if degrees > 0 else 0.0
+        self._first, self._second = np.triu_indices(array.channels, 1)
+        probes = np.random.default_rng(1).normal(size=(4, array.channels))
+        explained = [np.sum(self._explained(probe) ** 2, axis=1) for probe in probes]
+        self._classes = np.unique(np.round(explained, 6), axis=1, return_inverse=True)[1].reshape(-1)
+
+    def exchanged(self, delays: NDArray) -> list[tuple[int, int]] | None:
+        """Pairs of channels of which one is exchanged; empty where the order is as described, None where that is not known.
+
+        Parameters:
+            delays (m,) (s): of each channel against the next, of the last against the first; NaN where not known.
+        """
+        if not self._most or not abs(delays.sum()) <= self._closure:
+            return None
+        times = -np.concatenate([[0.0], np.cumsum(delays - delays.mean())[:-1]])
+        times -= times.mean()
+        explained = self._explained(times)
+        left = (times @ times - np.sum(explained**2, axis=1)) / self._sigma**2
+        left[np.linalg.norm(explained / self._crossing, axis=1) > BODY_STRETCH] = math.inf
+        if self._left_by_near(times, times @ self._shape) <= self._most * self._sigma**2:
+            return []
+        best = int(np.argmin(left))
+        same = self._classes == self._classes[best]
+        if left[best] > self._most or (left[~same] < left[best] + 2.0 * VOTE).any():
+            return None
+        return [(int(self._first[k]), int(self._second[k])) for k in np.flatnonzero(same[1:])]
+
+    def _left_by_near(self, times: NDArray, explained: NDArray) -> float:
+        """Square (s^2) of arrival times (m,) that no wave of a source at any distance explains, by the described order.
+
+        A source at R is later by (p^2 - (p u)^2) / (2 R c) at p than a plane wave from u.
+        """
+        plane = self._shape @ explained
+        bent = self._squares - plane**2
+        bent -= bent.mean() + self._shape @ (bent @ self._shape)
+        left = times - plane
+        share = float(bent @ left) / max(float(bent @ bent), 1e-300)
+        return float(np.sum((left - min(max(share, 0.0), self._bend) * bent) ** 2))
+
+    def _explained(self, times: NDArray) -> NDArray:
+        """Parts (1 + p, r) of arrival times (m,) that a plane wave explains, by the described order and by each exchange."""
+        change = (times[self._second] - times[self._first])[:, None] * (self._shape[self._first] - self._shape[self._second])
+        return np.asarray(times @ self._shape + np.concatenate([np.zeros((1, change.shape[1])), change]))
+
+
 def _wander(window: NDArray) -> NDArray:
     """Standard deviations (m,) of the means of a window's eighths."""
     return np.asarray(np.std([part.mean(axis=1) for part in np.array_split(window, 8, axis=1)], axis=0))
@@ -295,15 +364,11 @@ def _clipped(samples: NDArray) -> float:
 def _spike(beyond: NDArray, width: float) -> int:
     """Samples within a width of an end, from which they are `beyond` (n,) away; 0 where these are no more than of any sound.
 
-    Sound gets rarer towards its extremes: of what is within three widths, a third at most is within one. The probability of
-    more by chance has Chernoff's bound.
+    Sound gets rarer towards its extremes: of what is within three widths, a third at most is within one. Of 17 or more, so many
+    are by chance once in 1e8 windows.
     """
     top, near = (int(np.count_nonzero(beyond <= part * width)) for part in (1.0, 3.0))
-    if top <= LEAST_SPIKE * (near - top):
-        return 0
-    share, others = (top - 1) / max(near - 1, 1), near - 1    # the extreme itself is at the end by definition
-    rarity = others * float(rel_entr(share, 1.0 / 3.0) + rel_entr(1.0 - share, 2.0 / 3.0))
-    return top if rarity > ALARM else 0
+    return top if top > LEAST_SPIKE * (near - top + LEAST_SPIKE) else 0
 
 
 def copies(sound: NDArray) -> list[tuple[int, ...]]:

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from av_audio.spectra import phases_of
+from av_common.acoustics import BODY_STRETCH
 from av_common.microphone_array import MicrophoneArray
 
 WINDOW_S = 0.25      # in which a walking source 2 m away turns by 10 degrees
 LONGEST_S = 3e-3     # delays that are looked for: microphones 1 m apart; rotors repeat themselves after 2.5 ms and more
-BODY = 2.0    # times the distance, of delays that a body explains, which makes them BODY_STRETCH as long
 # One of two sound paths correlates with the other half as much at most as both with themselves: a peak beyond the permitted
 # delays must be so much higher than the highest within them ...
 CLEARER = 1.3
@@ -93,7 +93,7 @@ class SpacingCheck:
         permitted, beyond = [], []
         for (i, j), distance in zip(self._pairs, self._distances, strict=True):
             delays, curve, sigma = delay_curve(spectra[:, i] * spectra[:, j].conj(), frequencies, len(window), LONGEST_S)
-            is_permitted = np.abs(delays) <= BODY * distance / self._speed + 1.0 / self._rate
+            is_permitted = np.abs(delays) <= BODY_STRETCH * distance / self._speed + 1.0 / self._rate
             inside, outside = float(curve[is_permitted].max()), float(curve[~is_permitted].max(initial=0.0))
             if outside > max(CLEARER * inside, PEAK_SIGMAS * sigma):
                 beyond.append(abs(float(delays[~is_permitted][np.argmax(curve[~is_permitted])])) * self._speed / distance)
