@@ -26,9 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 FACTORS = (0.5, 2.0)
 # Modules without influence on what is scored: devices, files, nodes, programs, judging, and what users choose instead.
 OTHERS = {
-    'hearing': ('nodes', 'cli', 'device', 'file', 'calibration', 'drone_', 'health', 'wind', 'start_check', 'tables',
-                'unfinished', 'verdict', 'learning', 'spacing', 'channel_order', 'source_spectra', 'audio.stage',
-                'lost_phase', 'ego_rotors'),
+    'hearing': ('nodes', 'cli', 'device', 'file', 'calibration', 'drone_', 'health', 'wind', 'start_check',
+                'verdict', 'spacing', 'audio.stage', 'lost_phase'),
     'fusion': ('nodes', 'calibration', 'consistency', 'gated', 'plain', 'posterior', 'reporter', 'evidence', 'converter',
                'vectors')}
 PACKAGES = {'hearing': 'av_audio', 'fusion': 'av_fusion'}

@@ -7,8 +7,8 @@ from material import RATE, SPEED_OF_SOUND
 from numpy.typing import NDArray
 from rooms import room
 
+from av_audio.drone_classifier import SourceSpectra
 from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, DroneFeatures
-from av_audio.source_spectra import SourceSpectra
 from av_common.microphone_array import MicrophoneArray
 
 SAMPLES = round((FRAME_S + (SEGMENT_FRAMES - 1) * HOP_S) * RATE)

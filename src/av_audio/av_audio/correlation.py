@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from av_audio.drift import Drift, DriftEstimator
 from av_audio.spectra import TINY
-from av_audio.steered_response import Peak, SteeredResponse, cross_spectra
+from av_audio.steered_response import Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
 # Neighbouring bins share a spectral line and the taper's main lobe, so their errors are correlated: they form one cluster.
@@ -99,8 +99,8 @@ class Correlation(SteeredResponse):
 
     def _cross(self, spectra: NDArray) -> tuple[NDArray, NDArray]:
         """Cross-spectra (p, k) and sqrt(P_i P_j) of the same pairs."""
-        pairs, magnitude = self._baselines.pairs, np.abs(spectra)
-        return cross_spectra(spectra, pairs), magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
+        (first, second), magnitude = self._baselines.pairs.T, np.abs(spectra)
+        return spectra[first] * spectra[second].conj(), magnitude[first] * magnitude[second]
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         return _reflection_variance(clusters) * height * inverse

@@ -118,8 +118,8 @@ class DriftEstimator:
         self._turns = np.exp(-1j * angles).astype(np.complex64)  # (g, b, c)
         self.usable = self._blocks.count > LEAST_BLOCKS and len(self._cluster_omega) >= 3 * array.rank
 
-    def estimate(self, spectra: NDArray, weights: NDArray, q: NDArray) -> Drift:
-        """Motion about the centre of a window.
+    def estimate(self, spectra: NDArray, weights: NDArray, q: NDArray) -> Drift | None:
+        """Motion about the centre of a window; None where none can be found, as at rest.
 
         Parameters:
             spectra (m, k): spectra of the window.
@@ -133,7 +133,7 @@ class DriftEstimator:
         expected = np.concatenate([np.zeros(2 * rank), -square_speed(q, fit.motion[1]) * q])
         hessian = self._of_posterior(fit)
         if not is_positive(hessian):
-            return self._unknown(rest, rank)
+            return None
         gradient = fit.scores.sum(axis=1) - fit.scale * self._precision * (fit.motion.ravel() - expected)
         fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
         return self._posterior(rest, fit, expected)
@@ -176,12 +176,12 @@ class DriftEstimator:
         scores = np.einsum('pr,pnc->nrc', self._slowness, first).reshape(motion.size, -1)
         return Fit(motion, float(steered.real.sum()), hessian, scores)
 
-    def _posterior(self, rest: Fit, fit: Fit, expected: NDArray) -> Drift:
-        """The drift, given the maximum of the posterior of a motion (Laplace's approximation)."""
+    def _posterior(self, rest: Fit, fit: Fit, expected: NDArray) -> Drift | None:
+        """The drift, given the maximum of the posterior of a motion (Laplace's approximation); None where that is none."""
         rank = fit.motion.shape[1]
         hessian = self._of_posterior(fit)
         if not (rest.usable and is_positive(hessian)):
-            return self._unknown(rest, rank)
+            return None
         lever = np.linalg.solve(fit.hessian[:rank, :rank], fit.hessian[:rank, rank:])
         information = (hessian[rank:, rank:] - hessian[rank:, :rank] @ lever) / fit.scale  # of rate and acceleration
         deviation = (fit.motion.ravel() - expected)[rank:]
@@ -194,13 +194,6 @@ class DriftEstimator:
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
         steadier = 1.0 - moves * max(0.0, 1.0 - fit.variance / rest.variance)
         return Drift(moves * shift, moves * spread, steadier, moves)
-
-    def _unknown(self, rest: Fit, rank: int) -> Drift:
-        """The drift of a window in which no motion can be found: probably at rest, else with any motion of the prior."""
-        lever = np.zeros((rank, 2 * rank))
-        if is_positive(rest.hessian[:rank, :rank]):
-            lever = np.linalg.solve(rest.hessian[:rank, :rank], rest.hessian[:rank, rank:])
-        return Drift(np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0, PRIOR_MOVES)
 
 
 def square_speed(q: NDArray, rate: NDArray) -> float:

@@ -1,4 +1,7 @@
-"""The rig's own noise, known from a recording of the rig alone: its spatial covariance, by which spectra are whitened."""
+"""The rig's own noise, known from a recording of the rig alone: its spatial covariance, by which spectra are whitened.
+
+Without a recording, the harmonics of rotors whose speeds are known are notched.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
 from av_audio.health import copies
-from av_audio.spectra import TINY
+from av_audio.spectra import ALIKE_HZ, TINY
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
 # Windows whose levels differ by less than this are of one throttle: the level of a rotor grows with the fifth to sixth power of
@@ -24,11 +27,13 @@ BAND_HZ = 40.0
 # Power of noise that microphones do not share, over that of the recording. The least of them: gains and positions are as
 # recorded to about 3 %.
 SHARES: NDArray = 10.0 ** np.arange(-3.0, 2.0)
-ALIKE_HZ = 250.0  # within this width that share is alike
 LEAST_EXCESS = 1e-3  # of the mean square of levels over that of Gaussian noise
 # Thirty independent windows of 0.3 s: four snapshots of each of eight microphones keep the loss of a covariance that is
 # averaged below 1.5 dB (Reed, Mallett and Brennan, 1974: 2 M keep it below 3 dB).
 LEARNED_S = 10.0
+# Half-width of a notch: the main lobe of the taper, plus a share of the frequency for errors and changes of the speed.
+NOTCH_HZ = 4.0
+NOTCH_SHARE = 0.004
 LEVEL_STEPS = 3  # of the expectation maximisation that finds the level of a band
 
 
@@ -237,3 +242,38 @@ def level_weights(snapshots: NDArray, freedom: float) -> NDArray:
         weights = 1.0 / (0.5 * freedom / snapshots.shape[1] * usual + levels)
         usual = np.mean(weights * levels, axis=2, keepdims=True) / np.mean(weights, axis=2, keepdims=True)
     return np.asarray(weights * mean / np.mean(weights * levels, axis=2, keepdims=True))
+
+
+def without_lines(spectra: NDArray, frequencies: NDArray, blade_pass_hz: NDArray) -> NDArray:
+    """Spectra (m, k), 0 in the notches where lines are louder than what is beside them.
+
+    Notches of four rotors cover three fifths of the bins above 2 kHz. Lines that jitter are no louder there than the hiss of
+    the rotors, and a target is in these bins, too.
+
+    Parameters:
+        spectra (m, k): of a window.
+        frequencies (k,) (Hz): frequencies of the bins.
+        blade_pass_hz (r,) (Hz): blade-pass frequencies; 0 for a rotor that stands still.
+    """
+    if not np.any(blade_pass_hz):
+        return spectra
+    power = np.sum(np.abs(spectra) ** 2, axis=0)
+    parts = np.array_split(power, max(1, round((frequencies[-1] - frequencies[0]) / ALIKE_HZ)))
+    beside = np.concatenate([np.full(len(part), np.median(part)) for part in parts])
+    return np.asarray(spectra * (notch(frequencies, blade_pass_hz) | (power < 2.0 * beside)))
+
+
+def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
+    """Which bins (k,) at frequencies (k,) in Hz are free of harmonics of the blade-pass frequencies (r,) in Hz.
+
+    Parameters:
+        frequencies (k,) (Hz): frequencies of the bins.
+        blade_pass_hz (r,) (Hz): blade-pass frequencies; about 0 for a rotor that stands still.
+    """
+    free = np.ones(len(frequencies), bool)
+    for fundamental in np.asarray(blade_pass_hz, dtype=float):
+        if fundamental > 2.0 * NOTCH_HZ:  # lines closer than notches are wide leave nothing, and such a rotor is not heard
+            order = np.maximum(1.0, np.round(frequencies / fundamental))
+            distance = np.abs(frequencies - order * fundamental)
+            free &= distance > NOTCH_HZ + NOTCH_SHARE * frequencies
+    return free

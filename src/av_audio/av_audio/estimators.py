@@ -13,7 +13,7 @@ from av_audio.correlation import Correlation, at_centre, maximum_likelihood, pha
 from av_audio.ego_noise import NoiseRecording
 from av_audio.even_phases import EvenPhases
 from av_audio.further_sources import FurtherSources
-from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ, LEAST_RESPONSE, SpectrumAnalyzer
+from av_audio.spectra import CONVERTED_SHARE, HIGHEST_HZ, LEAST_RESPONSE, TINY, SpectrumAnalyzer
 from av_audio.steered_response import Peak
 from av_common.microphone_array import MicrophoneArray
 
@@ -29,7 +29,6 @@ SHARED_REFLECTIONS = 0.1
 # How fast belief changes from one estimate to the other with the ratio of their expected errors. With 1 and 2 errors are the
 # same, and 98 to 100 % instead of 89 to 94 % in the free field are within 1.64 sigma (270 windows).
 SHARPNESS = 4.0
-LEAST_ERROR = 1e-12  # of q, squared: that of a channel and its copy is 0
 # Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor. Without it 32 instead of
 # 53 % of windows in rooms have a confidence of 0.9, with as few wrong ones (`ros2 run av_evaluation hearing robust`).
 FEWER_CLUSTERS = 1.15
@@ -107,7 +106,7 @@ def expected_error(peak: Peak, reflected: float = 1.0) -> float:
         peak: the peak.
         reflected: share of the error by reflections that counts.
     """
-    local = max(float(np.trace(peak.covariance + reflected * peak.bias)), LEAST_ERROR)
+    local = max(float(np.trace(peak.covariance + reflected * peak.bias)), TINY)  # that of a channel and its copy is 0
     return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else WRONG_PEAK
 
 

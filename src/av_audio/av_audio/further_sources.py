@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from av_audio.even_phases import CLUSTER_HZ, GROUP_HZ
-from av_audio.reflections import is_no_reflection
-from av_audio.spectra import phases_of
-from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, cross_spectra, spread_of
+from av_audio.even_phases import GROUP_HZ, is_no_reflection
+from av_audio.spectra import ALIKE_HZ, phases_of
+from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
 from av_common.microphone_array import MicrophoneArray
 
 MOST_SOURCES = 4
@@ -53,9 +52,9 @@ class FurtherSources(SteeredResponse):
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
         self._group = max(1, round(GROUP_HZ / float(frequencies[1] - frequencies[0])))
         self._used = len(frequencies) // self._group * self._group
-        super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
+        super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, ALIKE_HZ)
         self._least_height = LEAST_COHERENCE * self._used * len(self._baselines.pairs)
-        self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
+        self._wide = self._clusters[::round(WIDE_HZ / ALIKE_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3**array.rank))
         self._neighbours = np.ascontiguousarray(neighbours[:, 1:].T)
@@ -170,7 +169,8 @@ class FurtherSources(SteeredResponse):
         """Sums (u, n, j) of the unit phases of the cross-spectra of spectra (m, k) by baseline, in j groups of n bins."""
         groups = phases_of(spectra[:, :self._used]).reshape(len(spectra), -1, self._group)
         unit = np.ascontiguousarray(groups.swapaxes(1, 2))
-        return self._baselines.sum(cross_spectra(unit, self._baselines.pairs))
+        first, second = self._baselines.pairs.T
+        return self._baselines.sum(unit[first] * unit[second].conj())
 
     def _without(self, phases: NDArray, found: Sequence[NDArray]) -> NDArray:
         """Sum (u, j) of the phases (u, n, j) of bins that agree with none of the directions found.

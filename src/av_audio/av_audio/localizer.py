@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from av_audio.directions import END_FIRE_COSINE, Array, to_directions, undo_delay_curve, within_elevations
-from av_audio.ego_noise import NoiseRecording
-from av_audio.ego_rotors import without_lines
+from av_audio.ego_noise import NoiseRecording, without_lines
 from av_audio.estimators import METHODS, make_estimator
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.health import DEAD_DBFS
@@ -157,10 +156,8 @@ class Localizer:
         if ego_noise is None:
             self._near = NearField(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c))
         self._elevations = np.radians(settings.elevation_deg)
-        # Room for two windows, so that a window slides by its full length before it is copied back to the beginning.
-        self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
-        self._begin = 0  # position of the current window in the buffer
-        self._filled = 0  # samples of the current window that are present; negative while samples between windows are skipped
+        self._waiting = np.zeros((array.channels, 0), np.float32)  # samples up to the newest one
+        self._begin = 0  # index of the first sample of the next window
         self._next_sample: int | None = None
 
     @property
@@ -185,33 +182,19 @@ class Localizer:
             raise ValueError(f'samples of shape {block.shape}, expected (n, {self.array.channels}) for the array '
                              f'{self.array.name}')
         finite = bool(np.isfinite(block).all())
-        if self._next_sample is not None and (first_sample != self._next_sample or not finite):
-            self.restarts += 1
-            self._filled = 0
+        if first_sample != self._next_sample or not finite:
+            self.restarts += self._next_sample is not None
+            self._begin = first_sample if finite else first_sample + len(block)
         self._next_sample = first_sample + len(block)
-        if not finite:
-            return []
+        self._waiting = np.concatenate([self._waiting, block.T], axis=1)
         estimates = []
-        taken = 0
-        while taken < len(block):
-            count = min(len(block) - taken, (self._window if self._filled >= 0 else 0) - self._filled)
-            if self._filled >= 0:
-                end = self._begin + self._filled
-                self._buffer[:, end:end + count] = block[taken:taken + count].T
-            taken += count
-            self._filled += count
-            if self._filled == self._window:
-                window = self._buffer[:, self._begin:self._begin + self._window]
-                estimates.append(self._estimate(window, first_sample + taken - self._window))
-                self._slide()
+        while self._begin + self._window <= self._next_sample:
+            place = self._waiting.shape[1] - (self._next_sample - self._begin)
+            estimates.append(self._estimate(self._waiting[:, place:place + self._window], self._begin))
+            self._begin += self._hop
+        unused = self._waiting.shape[1] - max(0, self._next_sample - self._begin)
+        self._waiting = self._waiting[:, unused:]
         return estimates
-
-    def _slide(self) -> None:
-        self._filled -= self._hop
-        self._begin += self._hop
-        if self._begin > self._window or self._filled <= 0:
-            self._buffer[:, :max(0, self._filled)] = self._buffer[:, self._begin:self._begin + max(0, self._filled)]
-            self._begin = 0
 
     def _estimate(self, window: NDArray[np.float32], start: int) -> DoaEstimate:
         centre = start + 0.5 * self._window

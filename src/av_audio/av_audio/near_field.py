@@ -13,14 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.spectra import TINY
+from av_audio.spectra import ALIKE_HZ, TINY
 from av_common.microphone_array import MicrophoneArray
 
 SNAPSHOTS = 4  # bins of a covariance: as few as tell coherence, since lines of rotors lie side by side
 # Above this phase between two microphones, of a source on their axis, paths are ambiguous more often than not.
 HIGHEST_PHASE = 1.5 * math.pi
-# Over this width the levels and paths of one source are alike, with the responses of the microphones.
-ALIKE_HZ = 250.0
 # Responses of microphones differ by this much (0.2 dB) from band to band.
 RESPONSE = 0.02
 # Least incoherent share of the power: what coherent sources leave to each other.

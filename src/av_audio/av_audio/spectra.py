@@ -20,6 +20,8 @@ HIGHEST_HZ = 8000.0
 TAPER = 0.25
 # Empty bins of a block above the band, so that its lowest bins do not leak into the highest.
 GUARD_BINS = 4
+# Within this width phases and levels err alike: what a reflection does to a phase 4 ms later repeats with 250 Hz.
+ALIKE_HZ = 250.0
 TINY = float(np.finfo(np.float32).tiny)  # instead of 0, where values are divided by
 
 
@@ -55,16 +57,14 @@ class SpectrumAnalyzer:
                              f'the window of {window_samples / sample_rate:g} s is too short, or the band too narrow')
         self._bins = slice(used[0], used[-1] + 1)
         self._taper = tukey(window_samples, TAPER).astype(np.float32)
-        leakage = fft.rfft(self._taper)
-        self._leakage = leakage[self._bins] / leakage[0].real  # of a constant offset, relative to bin 0
         self.frequencies = frequencies[self._bins]
         self.response = response[self._bins]
         self._power_scale = 2.0 / (window_samples * np.sum(self._taper**2))
 
     def spectra(self, window: NDArray) -> NDArray:
         """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass filter."""
-        spectra = fft.rfft(window * self._taper)
-        return spectra[:, self._bins] - spectra[:, :1] * self._leakage
+        offset = window @ self._taper / self._taper.sum()  # would leak into the band
+        return fft.rfft((window - offset[:, None]) * self._taper)[:, self._bins]
 
     def level_dbfs(self, spectra: NDArray) -> float:
         """Mean power of spectra (m, k) after the filter in dB, 0 dB for a full-scale square wave; -inf for silence."""

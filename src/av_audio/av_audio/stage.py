@@ -50,7 +50,8 @@ class DoaStage:
         self._settings = settings or LocalizerSettings()
         self.ego_noise = EgoLearning(ego_noise)
         self._rotor_blades = rotor_blades
-        self._blade_pass_hz, self._speeds_age_s = np.zeros(0), 0.0  # of sound since the newest motor speeds
+        self.blade_pass_hz: NDArray = np.zeros(0)  # of the newest motor speeds
+        self._speeds_age_s = 0.0  # of sound since then
         self._drone_model = drone_model
         self._localizer: Localizer | None = None
         self._usable: list[int] = []  # channels without severe faults
@@ -92,11 +93,6 @@ class DoaStage:
             self._settings = settings
             self.reset()
 
-    @property
-    def blade_pass_hz(self) -> NDArray[np.float64]:
-        """Blade-pass frequencies (r,) in Hz of the newest motor speeds."""
-        return self._blade_pass_hz
-
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
@@ -114,7 +110,7 @@ class DoaStage:
         if not self._rotor_blades:
             return
         speeds = np.abs(np.asarray(message.data, dtype=float))
-        self._blade_pass_hz, self._speeds_age_s = self._rotor_blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi), 0.0
+        self.blade_pass_hz, self._speeds_age_s = self._rotor_blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi), 0.0
 
     def on_audio(self, frame: AudioFrame, arrival: float) -> list[DoaArray]:
         """Directions for every window that a frame completes.
@@ -147,7 +143,7 @@ class DoaStage:
         """What the newest second of sound from the direction of each source says."""
         if self._classifier is None or not len(estimate.q):
             return [Judgement()] * len(estimate.sources)
-        return self._classifier.judge([source.q for source in estimate.sources], self._blade_pass_hz)
+        return self._classifier.judge([source.q for source in estimate.sources], self.blade_pass_hz)
 
     def estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         """Directions for every window that a frame completes, not judged. Raises ValueError as `on_audio`."""
@@ -162,9 +158,9 @@ class DoaStage:
         samples = samples_of(frame)
         self._speeds_age_s += len(samples) / frame.sample_rate
         if self._speeds_age_s > MISSING_AFTER_S:
-            self._blade_pass_hz = np.zeros(0)
+            self.blade_pass_hz = np.zeros(0)
         localizer = self._prepare(frame.sample_rate)
-        localizer.blade_pass_hz = self._blade_pass_hz
+        localizer.blade_pass_hz = self.blade_pass_hz
         before, without = localizer.restarts, localizer.without_phases
         estimates = localizer.process(samples[:, self.used], frame.first_sample)
         restarts = localizer.restarts - before

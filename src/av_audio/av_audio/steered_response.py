@@ -59,7 +59,9 @@ class Peak:
     @property
     def source_probability(self) -> float:
         """Probability that it stems from a source."""
-        return is_source(self.significance) if self.over_alone is None else self.over_alone
+        if self.over_alone is not None:
+            return self.over_alone
+        return 1.0 / (1.0 + math.exp(-SIGNIFICANCE_SLOPE * (self.significance - EVEN_SIGNIFICANCE)))
 
 
 class SteeredResponse:
@@ -143,7 +145,8 @@ class SteeredResponse:
         significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
-        log_likelihood = _log_likelihood(curve - height, covariance, hessian)
+        trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
+        log_likelihood = (curve - height) * len(hessian) / max(trace, TINY)  # the covariance gives its scale
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
         return Peak(q, covariance, bias, significance, main_share, height)
 
@@ -167,16 +170,6 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = math.sqrt((2.0 * np.pi) ** rank * max(float(np.linalg.det(covariance)), 0.0))
         return main / (main + others) if main > 0.0 else 1.0
-
-
-def cross_spectra(spectra: NDArray, pairs: NDArray) -> NDArray:
-    """Cross-spectra X_i conj(X_j) (p, k) of spectra (m, k) for pairs (p, 2).
-
-    Parameters:
-        spectra (m, k): complex spectra of the microphones.
-        pairs (p, 2): indices of the microphones of each pair.
-    """
-    return spectra[pairs[:, 0]] * spectra[pairs[:, 1]].conj()
 
 
 def _interpolation(delays: NDArray, reach: float, count: int) -> csr_array:
@@ -216,20 +209,9 @@ def with_other_lobes(q: NDArray, covariance: NDArray, grid: NDArray, weights: ND
     return spread, beside / (main + float(weights.sum()))
 
 
-def is_source(significance: float) -> float:
-    """Probability that a peak of this significance stems from a source."""
-    return 1.0 / (1.0 + math.exp(-SIGNIFICANCE_SLOPE * (significance - EVEN_SIGNIFICANCE)))
-
-
 def spread_of(clusters: NDArray) -> float:
     """Standard deviation of the height of a peak that independent channels would give; `clusters` (c,) as steered."""
     return float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
-
-
-def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> NDArray:
-    """Log-likelihood (g,) of a curve less its height: it is one up to a scale, which the covariance at the peak gives."""
-    trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
-    return curve * len(hessian) / max(trace, TINY)
 
 
 def direction_grid(rank: int, points_per_unit: float) -> NDArray:

@@ -5,8 +5,7 @@ import pytest
 from flying_rig import FlyingRig
 from known_sound import PAIR, RATE, scene
 
-from av_audio.ego_noise import NoiseRecording
-from av_audio.ego_rotors import notch
+from av_audio.ego_noise import NoiseRecording, notch
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import wrap
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from av_audio.drone_classifier import SourceSpectra
 from av_audio.drone_features import DroneFeatures
-from av_audio.source_spectra import SourceSpectra
 from av_common.microphone_array import MicrophoneArray
 
 RATE = 48_000
