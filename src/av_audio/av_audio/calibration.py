@@ -222,11 +222,6 @@ def _rms(values: NDArray) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.inf
 
 
-def _fit(azimuths: NDArray, paths: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
-    """Bernstein coefficients, rotation of the axis and outliers; parameters as of `_refine`."""
-    return _refine(azimuths, paths, *_consensus(azimuths, paths))
-
-
 def _left_out(azimuths: NDArray, paths: NDArray) -> NDArray:
     """Errors (n,) in rad of the angle at each place, by a fit to the others; right angles where these allow none.
 
@@ -273,8 +268,7 @@ def _consensus(azimuths: NDArray, paths: NDArray) -> tuple[float, NDArray]:
     return float(found[0]), found[1:]
 
 
-def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
-            ) -> tuple[NDArray, float, NDArray[np.bool_]]:
+def _fit(azimuths: NDArray, paths: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
     """Bernstein coefficients (DEGREE + 1,) of the path by angle, rotation of the axis, outliers (n,).
 
     The coefficients fall by at least LEAST_STEP.
@@ -282,8 +276,8 @@ def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
     Parameters:
         azimuths (n,) (rad): true azimuths from the nominal axis.
         paths (n,): path differences in nominal baselines.
-        offset (rad), weights (2,): from `_consensus`.
     """
+    offset, weights = _consensus(azimuths, paths)
     grid = np.linspace(0.0, np.pi, 61)
     model = np.linalg.lstsq(_bernstein(grid), _terms(grid) @ weights, rcond=None)[0]
     stiffness = STIFFNESS * np.sqrt(len(paths)) / AGREEMENT

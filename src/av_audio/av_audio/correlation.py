@@ -103,7 +103,16 @@ class Correlation(SteeredResponse):
         return spectra[first] * spectra[second].conj(), magnitude[first] * magnitude[second]
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
-        return _reflection_variance(clusters) * height * inverse
+        """By the phase errors that neighbouring clusters (c,) share, in rad^2: those of reflections without noise.
+
+        A strong early reflection shifts the phases of neighbouring clusters by similar amounts and may bias the peak by as
+        much. Noise is independent between clusters, so that its products have zero mean; their standard deviation is
+        subtracted.
+        """
+        products = clusters.imag[1:] * clusters.imag[:-1]
+        reference = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
+        excess = float(products.sum() - np.sqrt(np.sum(products**2)))
+        return (excess / reference if excess > 0.0 and reference > 0.0 else 0.0) * height * inverse
 
 
 def at_centre(peak: Peak, drift: Drift | None) -> Peak:
@@ -111,19 +120,6 @@ def at_centre(peak: Peak, drift: Drift | None) -> Peak:
     if drift is None:
         return peak
     return replace(peak, q=peak.q - drift.shift, covariance=drift.steadier * peak.covariance + drift.covariance)
-
-
-def _reflection_variance(clusters: NDArray) -> float:
-    """Variance in rad^2 of the phase errors that neighbouring clusters (c,) share: that of reflections without noise.
-
-    A strong early reflection shifts the phases of neighbouring clusters by similar amounts and may bias the peak by as
-    much. Noise is independent between clusters, so that its products have zero mean; their standard deviation is
-    subtracted.
-    """
-    products = clusters.imag[1:] * clusters.imag[:-1]
-    reference = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
-    excess = float(products.sum() - np.sqrt(np.sum(products**2)))
-    return excess / reference if excess > 0.0 and reference > 0.0 else 0.0
 
 
 def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:

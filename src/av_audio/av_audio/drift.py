@@ -25,7 +25,7 @@ CLUSTER_HZ = 64.0
 PRIOR_RATE = 0.4
 PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
-HIGHEST_RATE = 1.2  # that is searched, in 1/s: three standard deviations
+HIGHEST_RATE = 3.0 * PRIOR_RATE  # that is searched
 GRID_POINTS_PER_PERIOD = 8.0  # of the highest frequency; with 4 one more of 46 windows of noise passes
 
 

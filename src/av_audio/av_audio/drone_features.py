@@ -36,7 +36,6 @@ LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)  # edges of the ban
 LARGEST_BETWEEN = {2: 0.06, 3: 0.2, 4: 0.2, 5: 0.2, 6: 0.2}
 LEAST_COMB = 0.5  # by which the lines of a comb stand out from what is between them; of noise it is up to 0.4
 COMB_STEPS = 5  # over which the lines of rotors with different speeds spread
-HARMONICS_HZ = 6000.0  # highest of the lines of a comb
 FUNDAMENTAL_SIGMA = 0.03  # relative error of fundamentals: the rotors of one drone differ
 LINES, LINE_CELLS = 4, int(np.log(HIGHEST_HZ / LOWEST_HZ) / LOG_STEP)  # rows of `lines`, and their cells from LOWEST_HZ on
 MOVED_FROM = 150  # first of the cells by which movement is measured: they are not narrower than half a bin
@@ -130,7 +129,7 @@ class DroneFeatures:
 
     def _multiple(self, tones: NDArray, fundamental: float) -> int:
         """The largest multiple of a fundamental (Hz) between whose harmonics there is hardly any power (k,); 1 for none."""
-        orders = np.arange(1, int(HARMONICS_HZ / fundamental) + 1)
+        orders = np.arange(1, int(HIGHEST_HZ / fundamental) + 1)
         bins = np.round(orders * fundamental * FRAME_S).astype(int) - round(self._frequencies[0] * FRAME_S)
         powers = np.where(bins < 0, 0.0, tones[np.maximum(bins, 0)])
         return max((k for k, ratio in LARGEST_BETWEEN.items()

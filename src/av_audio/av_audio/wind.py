@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_common.microphone_array import MicrophoneArray
 
-FRAME_S, MEMORY_S = 0.08, 2.0
+FRAME_S, FRAMES = 0.08, 25  # two seconds
 # Octaves one decade apart. In the lower one sound from anywhere is coherent between close microphones, turbulence is not
 # (Corcos, 1964): eddies are shorter than a wavelength by the ratio of wind to sound.
 LOW_HZ, HIGH_HZ = (50.0, 100.0), (500.0, 1000.0)
@@ -36,10 +37,8 @@ class WindMeter:
         frequencies = np.fft.rfftfreq(self._frame, 1.0 / sample_rate)
         self._bands = [(frequencies >= low) & (frequencies < high) for low, high in (LOW_HZ, HIGH_HZ)]
         self._taper = np.hanning(self._frame)[:, None]
-        self._kept = 1.0 - FRAME_S / MEMORY_S
         self._samples = np.zeros((0, 2))
-        self._powers, self._cross = np.zeros((2, len(frequencies))), np.zeros(len(frequencies), complex)
-        self._frames = 0
+        self._spectra: deque[NDArray] = deque(maxlen=FRAMES)
 
     def add(self, samples: NDArray) -> None:
         """Take the next samples (n, m), full scale 1."""
@@ -47,29 +46,27 @@ class WindMeter:
             return
         self._samples = np.concatenate([self._samples, samples[:, self._pair]])
         while len(self._samples) >= self._frame:
-            spectra = np.fft.rfft(self._samples[:self._frame] * self._taper, axis=0).T
+            self._spectra.append(np.fft.rfft(self._samples[:self._frame] * self._taper, axis=0))
             self._samples = self._samples[self._frame:]
-            self._powers = self._kept * self._powers + (1.0 - self._kept) * np.abs(spectra) ** 2
-            self._cross = self._kept * self._cross + (1.0 - self._kept) * spectra[0] * spectra[1].conj()
-            self._frames += 1
 
     @property
     def level_dbfs(self) -> float:
-        """Level of the wind in the lower octave; -inf without wind, and during the first MEMORY_S."""
-        if self._frames * FRAME_S < MEMORY_S:
+        """Level of the wind in the lower octave, over FRAMES; -inf without wind, and before so many."""
+        if len(self._spectra) < FRAMES:
             return -math.inf
-        low, high = (self._incoherent(band) for band in self._bands)
+        low, high = (_incoherent(np.array(self._spectra)[:, band]) for band in self._bands)
         widths = [math.log10(hertz[1] - hertz[0]) for hertz in (LOW_HZ, HIGH_HZ)]
         fall = 10.0 * (math.log10(low) - widths[0] - math.log10(high) + widths[1])
         return 10.0 * math.log10(low * 4.0 / float(np.sum(self._taper**2)) / self._frame) if fall > TURBULENT_DB else -math.inf
 
-    def _incoherent(self, band: NDArray) -> float:
-        """Power that the microphones do not share in the bins of a band.
 
-        Of noise, whose phases are random, the mean of n frames keeps 1 / n of the squared cross-power.
-        """
-        power = np.sqrt(self._powers[0] * self._powers[1])[band]
-        independent = (1.0 + self._kept) / (1.0 - self._kept)  # frames in the exponential mean
-        coherence = np.clip((np.abs(self._cross[band]) ** 2 / np.maximum(power**2, 1e-30) - 1.0 / independent)
-                            / (1.0 - 1.0 / independent), 0.0, 1.0)
-        return max(float(np.sum(power * (1.0 - np.sqrt(coherence)))), 1e-30)
+def _incoherent(spectra: NDArray) -> float:
+    """Power that two microphones do not share, from spectra (n, k, 2).
+
+    Of noise, whose phases are random, the mean of n frames keeps 1 / n of the squared cross-power.
+    """
+    power = np.sqrt(np.prod(np.mean(np.abs(spectra) ** 2, axis=0), axis=1))
+    cross = np.abs(np.mean(spectra[..., 0] * spectra[..., 1].conj(), axis=0))
+    by_chance = 1.0 / len(spectra)
+    coherence = np.clip((cross**2 / np.maximum(power**2, 1e-30) - by_chance) / (1.0 - by_chance), 0.0, 1.0)
+    return max(float(np.sum(power * (1.0 - np.sqrt(coherence)))), 1e-30)
