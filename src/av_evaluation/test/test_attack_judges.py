@@ -41,45 +41,21 @@ def test_jitter_of_stamps_hides_no_lasting_acceleration():
         assert any(faults) == (factor > 1.0)
 
 
-def judged(measured: float, still_from: float = math.inf, ended: float = math.inf, move_body: bool = True) -> int:
-    """Number of wrong motions among a second of commands, with measurements and odometry until `measured` (s)."""
+def judged(still_from: float = math.inf, ended: float = math.inf, move_body: bool = True) -> int:
+    """Number of wrong motions among a second of commands."""
     judge = CommandJudge(PointingSettings())
     judge.begin(still_from)
     judge.end(ended)
     for number in range(50):
-        now = START + 0.02 * number
-        if now <= measured:
-            judge.on_input('measurement', now, now - 0.05)
-            judge.on_input('odometry', now, now)
-        judge.on_input('measurement', now, now - 1.5)    # too old to count
-        judge.on_command(PointingCommand(move_body=move_body, yaw_rate=0.1), now, now)
-    judge.judge(START + 10.0)
+        judge.on_command(PointingCommand(move_body=move_body, yaw_rate=0.1), START + 0.02 * number)
     assert judge.findings.commands == 50
     return len(judge.findings.moves)
 
 
-def test_motion_needs_new_measurements():
-    assert judged(START + 5.0) == 0
-    assert judged(START + 0.3) == pytest.approx(15, abs=1)      # 0.4 s later, with what the middleware takes
-    assert judged(START + 0.3, move_body=False) == 0
-
-
-def test_an_observer_that_is_behind_waits_for_what_was_published_before():
-    """Inputs that arrive 2 s after the command that rests on them; without them it is judged in the end."""
-    for arrives in (True, False):
-        judge = CommandJudge(PointingSettings())
-        judge.on_command(PointingCommand(move_body=True, yaw_rate=0.1), START + 1.0, START + 1.0)
-        judge.judge(START + 2.0)
-        for kind in ('measurement', 'odometry') if arrives else ():
-            judge.on_input(kind, START + 0.9, START + 0.9)
-            judge.on_input(kind, START + 1.1, START + 1.1)
-        judge.judge(START + 4.1)
-        assert (judge.findings.commands, len(judge.findings.moves)) == (1, 0 if arrives else 1)
-
-
 def test_motion_is_wrong_while_it_is_forbidden():
-    assert judged(START + 5.0, still_from=START + 0.5) == 25
-    assert judged(START + 5.0, still_from=START + 0.5, ended=START + 0.7) == 10
+    assert judged() == judged(START, move_body=False) == 0
+    assert judged(START + 0.5) == 25
+    assert judged(START + 0.5, START + 0.7) == 10
 
 
 def odometry(time: float, x: float) -> Odometry:

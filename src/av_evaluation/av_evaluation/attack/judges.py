@@ -1,4 +1,4 @@
-"""Judges of a rig under attack: are its bearings true, its commands within their limits, its motions justified."""
+"""Judges of a rig under attack: are its bearings true, its commands within their limits, does it stand where it must."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ LARGEST_ERROR = math.radians(5.0)  # rad, of a bearing that counts as true: ten 
 STEADY_S = 0.5           # for which all bearings are true before tracking counts as back
 LARGEST_GAP_S = 0.3      # between bearings
 FARTHEST_TRUTH_S = 0.1   # from a bearing to the truth that it is compared with
-ARRIVED_S = 0.5          # after which what was published before a bearing or a command has arrived
-LATEST_S = 3.0           # for which a command waits for inputs that were published later: an observer may be behind
-MOTION_LIFETIME_S = 0.4  # after the newest measurement: 0.3 of pointing, and 0.1 through the middleware
-OLDEST_S = 1.0           # age on publication from which a measurement justifies nothing
+ARRIVED_S = 0.5          # after which the truth that was published before a bearing has arrived
 LONGEST_STEP_S = 1.0     # commands may be lost on the way to the observer
 ROUNDING = 1e-4          # of float32
 JITTER_S = 0.03          # between the two clocks that give a command's stamp and its motion, read one after the other
@@ -153,7 +150,7 @@ class Findings:
 
 
 class CommandJudge:
-    """Compares commands with what arrived before them. Times are in s of the system's clock.
+    """Compares commands with their limits, and with whether anything may move. Times are in s of the system's clock.
 
     Parameters:
         settings: limits of the commands.
@@ -161,8 +158,6 @@ class CommandJudge:
 
     def __init__(self, settings: PointingSettings) -> None:
         self._limits = CommandLimits(settings, ROUNDING, JITTER_S)
-        self._waiting: deque[tuple[float, float, PointingCommand]] = deque()
-        self._arrivals: dict[str, deque[float]] = {'measurement': deque(maxlen=2000), 'odometry': deque(maxlen=2000)}
         self._still_from = self._still_until = math.inf
         self._stamp = math.nan
         self.findings = Findings()
@@ -175,40 +170,14 @@ class CommandJudge:
         """From `now` (s) on motion is permitted again."""
         self._still_until = now
 
-    def on_input(self, kind: str, published: float, stamp: float) -> None:
-        """A `measurement` or `odometry`, with the times (s) of its publication and capture; old ones justify no motion."""
-        if -0.1 <= published - stamp <= OLDEST_S:
-            self._arrivals[kind].append(published)
-
-    def on_command(self, command: PointingCommand, stamp: float, now: float) -> None:
-        """A command of the rig with its stamp (s), which arrives at `now` (s)."""
-        self._waiting.append((now, stamp, command))
-
-    def judge(self, now: float) -> None:
-        """Judge the commands that arrived long enough before `now` (s)."""
-        while self._waiting and self._waiting[0][0] < now - ARRIVED_S:
-            arrived, stamp, command = self._waiting[0]
-            if arrived > now - LATEST_S and not all(each and each[-1] > stamp for each in self._arrivals.values()):
-                return
-            self._waiting.popleft()
-            self._judge(command, stamp)
-
-    def _judge(self, command: PointingCommand, stamp: float) -> None:
+    def on_command(self, command: PointingCommand, stamp: float) -> None:
+        """Judge a command of the rig by its stamp (s)."""
         found = self.findings
         found.commands += 1
         elapsed = min(max(stamp - self._stamp, 0.0), LONGEST_STEP_S) if math.isfinite(self._stamp) else LONGEST_STEP_S
         self._stamp = stamp
         if fault := self._limits.check(command, elapsed):
             found.bad.append(f'{stamp:.3f} {fault}')
-        if command.move_body and abs(command.yaw_rate) >= ROUNDING and (reason := self._unjustified(stamp)):
-            found.moves.append(f'{stamp:.3f} {math.degrees(command.yaw_rate):+.1f} deg/s {reason}')
-
-    def _unjustified(self, stamp: float) -> str:
-        """Why nothing may move at `stamp` (s), '' where it may."""
-        if self._still_from <= stamp < self._still_until:
-            return f'{stamp - self._still_from:.2f} s after all motion had to end'
-        for kind, arrivals in self._arrivals.items():
-            age = stamp - max((time for time in arrivals if time <= stamp), default=-math.inf)
-            if age > MOTION_LIFETIME_S:
-                return f'{age:.2f} s after the newest {kind}'
-        return ''
+        if command.move_body and abs(command.yaw_rate) >= ROUNDING and self._still_from <= stamp < self._still_until:
+            found.moves.append(f'{stamp:.3f} {math.degrees(command.yaw_rate):+.1f} deg/s, '
+                               f'{stamp - self._still_from:.2f} s after all motion had to end')

@@ -15,14 +15,13 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from vision_msgs.msg import Detection2DArray
 
 from av_common.guarded_node import Reader
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds
 from av_evaluation.attack.hostile import MARK
 from av_evaluation.attack.judges import BearingCheck, CommandJudge
-from av_interfaces.msg import Bearing, DoaArray, PointingCommand
+from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.settings import pointing_settings
 
 NAME = 'attack_observer'
@@ -47,11 +46,8 @@ class Observer:
         self.bearings = BearingCheck()
         self._inputs: list[tuple[Reader, Any, Callable[[Any, float], None]]] = []
         self._hear(PointingCommand, 'pointing/command', lambda message, _: self.commands.on_command(
-            message, to_seconds(message.header.stamp), time.time()))
+            message, to_seconds(message.header.stamp)))
         self._hear(Bearing, 'target/bearing', self.bearings.on_bearing)
-        for kind, topic, field in ((DoaArray, 'doa', 'hypotheses'), (Detection2DArray, 'detections', 'detections')):
-            self._hear(kind, topic, partial(self._on_input, 'measurement', field))
-        self._hear(Odometry, 'odometry', partial(self._on_input, 'odometry', ''))
         for name in ('rig', 'target'):
             self._hear(Odometry, f'truth/{name}', partial(self.bearings.on_truth, name))
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -68,17 +64,12 @@ class Observer:
         subscription = self._node.create_subscription(kind, topic, lambda _: None, DEEP, raw=True)
         self._inputs.append((Reader(subscription), kind, take))
 
-    def _on_input(self, kind: str, field: str, message: Any, published: float) -> None:
-        if not field or len(getattr(message, field)):
-            self.commands.on_input(kind, published, to_seconds(message.header.stamp))
-
     def _run(self) -> None:
         while not self._closing.wait(PERIOD_S):
             with self.lock:
                 for reader, kind, take in self._inputs:
                     for data, published in reader.take():
                         self._take(data, published, kind, take)
-                self.commands.judge(time.time())
                 self.bearings.judge(time.time())
 
     def _take(self, data: bytes, published: float, kind: Any, take: Callable[[Any, float], None]) -> None:

@@ -36,7 +36,9 @@ MESSAGE_RATE = 30.0        # Hz, to each topic
 START_S, PATIENCE_S, SETTLE_S = 90.0, 30.0, 11.0    # in which the rig tracks first, tracks again, faces the target
 FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
 NO_INPUTS_S = 4.0          # of an attack while the simulator is stopped, which the launch replaces after 8 s
-STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
+# From the end of inputs or of permission to the moment from which nothing may move, and from the first message on: the graph
+# tells of second publishers, of whom no input is used.
+STILL_AFTER_S, CONTESTED_AFTER_S = 0.5, 3.0
 # Where nothing waits for a processor. What begins to hear again needs SOUND_S more on any machine: the newest second of sound
 # decides whether it is that of a drone.
 MOST_RECOVERY_S, SOUND_S = 1.0, 1.0
@@ -94,7 +96,7 @@ class Attack:
         self._replaced: set[int] = set()    # simulators that the launch has replaced because they were stopped
         self._opened = ExitStack()
         self._kinds: dict[str, Callable[[Result], None]] = dict(zip(KINDS, (
-            self._send, self._no_inputs, self._disabled), strict=True))
+            self._messages, self._no_inputs, self._disabled), strict=True))
 
     def run(self) -> int:
         """Attack, print and write the results; returns 1 where a verdict fails, 2 where the attack itself fails."""
@@ -179,7 +181,7 @@ class Attack:
             time.sleep(0.1)
 
     def _send(self, result: Result, seconds: float = SECONDS, **options: object) -> None:
-        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic: none of it is used.
+        """Send messages with hostile fields, damaged ones, and genuine ones at another time, on every topic.
 
         Parameters:
             result: gets the numbers of messages.
@@ -188,12 +190,17 @@ class Attack:
         """
         result.sent = self._peer.attack(seconds, MESSAGE_RATE, self._random.randrange(2**31), **options)
 
+    def _messages(self, result: Result) -> None:
+        """Every input has a second publisher: none of it is used."""
+        with self._still(CONTESTED_AFTER_S):
+            self._send(result)
+
     def _no_inputs(self, result: Result) -> None:
         """The simulator is stopped, and messages whose stamps are far from now must move nothing."""
         simulator = self._parts()['simulator']
         os.kill(simulator, signal.SIGSTOP)
         try:
-            with self._still():
+            with self._still(STILL_AFTER_S):
                 self._send(result, NO_INPUTS_S, stale=True, spare=(COMMANDS,))
         finally:
             with suppress(ProcessLookupError):
@@ -206,17 +213,16 @@ class Attack:
         if not self._peer.enable(False):
             result.faults.append('pointing could not be disabled')
             return
-        with self._still():
+        with self._still(STILL_AFTER_S):
             self._send(result, spare=(COMMANDS,))
         if not self._peer.enable(True):
             result.faults.append('pointing could not be enabled again')
 
     @contextmanager
-    def _still(self) -> Iterator[None]:
-        """Nothing may move, from STILL_AFTER_S after the beginning on."""
+    def _still(self, after: float) -> Iterator[None]:
+        """Nothing may move, from a time (s) after the beginning on."""
         with self._observer.lock:
-            self._observer.commands.begin(time.time() + STILL_AFTER_S)
-        time.sleep(STILL_AFTER_S)
+            self._observer.commands.begin(time.time() + after)
         try:
             yield
         finally:
