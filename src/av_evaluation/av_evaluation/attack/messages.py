@@ -20,16 +20,14 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosidl_runtime_py.utilities import get_message
-from std_srvs.srv import SetBool
 
 from av_evaluation.attack import observer
 from av_evaluation.attack.hostile import MARK, HostileValues
 
 NAME = 'attack_messages'
 OWN = (NAME, observer.NAME)
-COMMAND, ENABLE = '/pointing/command', '/pointing_node/enable'
+COMMAND = '/pointing/command'
 ALWAYS = {'/clock': 'rosgraph_msgs/msg/Clock', '/tf': 'tf2_msgs/msg/TFMessage'}
-ENABLED_S = 2.0            # for which its answer is waited
 HEADER = 4                 # bytes of any serialized message
 MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the machine the attack
 
@@ -58,14 +56,13 @@ class Target:
 
 
 class Messages(Node):
-    """Publishes on every topic to which a node of the rig subscribes, while an attack lasts, and enables pointing."""
+    """Publishes on every topic to which a node of the rig subscribes, while an attack lasts."""
 
     def __init__(self) -> None:
         super().__init__(NAME)
         self._targets: list[Target] = []
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
-        self._enable = self.create_client(SetBool, ENABLE)
 
     def spin(self, seconds: float = 0.0) -> None:
         """Take what arrives, for at least `seconds`."""
@@ -120,18 +117,6 @@ class Messages(Node):
         for _, publisher in publishers:
             self.destroy_publisher(publisher)
         return dict(sent)
-
-    def enable(self, enabled: bool) -> bool:
-        """Permit or forbid that commands move the rig; returns whether the pointing node agreed in time."""
-        deadline = time.monotonic() + ENABLED_S
-        while not self._enable.service_is_ready() and time.monotonic() < deadline:
-            self.spin(0.05)
-        future = self._enable.call_async(SetBool.Request(data=enabled))
-        while not future.done() and time.monotonic() < deadline:
-            self.spin(0.02)
-        if not future.done():
-            self._enable.remove_pending_request(future)
-        return future.done() and bool(future.result().success)
 
 
 def typed(target: Target, values: HostileValues) -> Any:
@@ -196,7 +181,7 @@ class _Manager(BaseManager):
     """Has `Messages` in a process of its own."""
 
 
-_Manager.register('messages', _connected, exposed=('find', 'attack', 'enable'))
+_Manager.register('messages', _connected, exposed=('find', 'attack'))
 
 
 @contextmanager
