@@ -120,7 +120,12 @@ def summarise(resolutions: Sequence[Resolution]) -> dict[str, float]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Simulate the starts with each method and print the table; returns 1 where the filter misses its bounds."""
-    parser = _parser()
+    parser = argparse.ArgumentParser(prog='front_back', description=__doc__)
+    parser.add_argument('--starts', type=number, default=200, help='number of starts (%(default)s)')
+    parser.add_argument('--seed', type=whole, default=1, help='of the starts (%(default)s)')
+    parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
+    parser.add_argument('--ears', action='store_true', help='at a head amid strong reflections')
+    parser.add_argument('--data', type=Path, default=Path('../shared/data'), help='recordings for --ears (%(default)s)')
     options = parser.parse_args(arguments)
     trial: Callable[..., Resolution]
     starts: Sequence[Scenario] | range
@@ -163,13 +168,3 @@ def _missed(figures: dict[str, dict[str, float]]) -> list[str]:
                if name != 'published' and f['wrong'] > MOST_WRONG]
     return missed + [f'{name} {ours[name]:.2f} s, the fixed rotation needs {figures["published"][name]:.2f} s'
                      for name in ('median', 'p95') if ours and ours[name] >= figures['published'][name]]
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='front_back', description=__doc__)
-    parser.add_argument('--starts', type=number, default=200, help='number of starts (%(default)s)')
-    parser.add_argument('--seed', type=whole, default=1, help='of the starts (%(default)s)')
-    parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
-    parser.add_argument('--ears', action='store_true', help='at a head amid strong reflections')
-    parser.add_argument('--data', type=Path, default=Path('../shared/data'), help='recordings for --ears (%(default)s)')
-    return parser

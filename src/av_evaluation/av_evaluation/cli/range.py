@@ -34,8 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for place in (PLACES[number] for number in options.places):
             for array in ARRAYS:
                 reach = Scene(signal, place, array).reach()
-                found = ' '.join(f'{distance:>{width}.0f}' if distance else f'{"-":>{width}}'
-                                 for distance, width in zip(reach, (8, 8, 8), strict=True))
+                found = ' '.join(f'{distance:>8.0f}' if distance else f'{"-":>8}' for distance in reach)
                 where = f'{place.name:<18} {place.ambient_dba:5.0f} {place.wind:4.0f}'
                 print(f'{name:<18} {where} {array.name:<16} {found}', flush=True)
     return 0

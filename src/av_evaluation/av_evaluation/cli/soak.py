@@ -200,8 +200,8 @@ def _range(low: int, high: int) -> str:
     return f'{low}' if low == high else f'{low}-{high}'
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Parse the command line."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the rig and print the table; returns 0 where all processes stay as they are, 1 where not, 2 where the rig ends."""
     parser = argparse.ArgumentParser(prog='soak', description=__doc__)
     parser.add_argument('rig', nargs='*', default=list(RIG), metavar='NAME:=VALUE',
                         help=f'arguments of rig.launch.py (default: {" ".join(RIG)})')
@@ -210,12 +210,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
                         help='minutes at the start that do not count, at most half of the run (%(default)s)')
     parser.add_argument('--most-growth', type=positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
     parser.add_argument('--out', type=Path, help="folder for table, the rig's output and the monitor's files")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the rig and print the table; returns 0 where all processes stay as they are, 1 where not, 2 where the rig ends."""
-    options = parse(arguments)
+    options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as opened:
         bags = opened.enter_context(tempfile.TemporaryDirectory(prefix='soak_'))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ figure { margin: 1.2rem 0; } figure img { width: 100%; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .36rem .55rem; text-align: right; border-bottom: 1px solid #e3e6ea; }
 th:first-child, td:first-child { text-align: left; }
-tr.ours td { background: #eef3ff; font-weight: 600; } tr.theirs td { background: #fff7ea; }
+tr.ours td { background: #eef3ff; font-weight: 600; }
 """
 
 
@@ -42,18 +42,16 @@ class Page:
         """Add a paragraph."""
         self._parts.append(f'<p>{_text(text)}</p>')
 
-    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '', theirs: Collection[str] = ()) -> None:
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '') -> None:
         """Add a table.
 
         Parameters:
             head: cells of the header.
             rows: cells of each row, as many as in the header.
             ours: first cell of the row that is highlighted as this project's.
-            theirs: first cells of the rows that are highlighted as the publication's.
         """
-        kinds = {**dict.fromkeys(theirs, ' class=theirs'), **({ours: ' class=ours'} if ours else {})}
         cells = ''.join(f'<th>{_text(cell)}</th>' for cell in head)
-        body = ''.join(f'<tr{kinds.get(row[0], "")}>'
+        body = ''.join(f'<tr{" class=ours" if row[0] == ours else ""}>'
                        + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in rows)
         self._parts.append(f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>')
 
