@@ -98,8 +98,7 @@ def test_an_observer_that_is_behind_keeps_the_truth_since_the_attack():
 def test_verdicts_name_what_failed():
     good = Result('messages', recovery=0.5)
     assert not any(verdicts([good]).values())
-    bad = Result('messages', recovery=2.5, deaths=['doa_node'], found=Findings(bad=['pan'], moves=['yaw']),
-                 faults=['not active'])
+    bad = Result('messages', recovery=2.5, deaths=['doa_node'], found=Findings(bad=['pan'], moves=['yaw']))
     assert all(verdicts([good, bad]).values())
     assert verdicts([Result('messages', recovery=None)])[IN_TIME]
 
