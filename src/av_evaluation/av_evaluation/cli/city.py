@@ -164,7 +164,7 @@ def _cells(options: argparse.Namespace, share: int, ready: Any, stop: multiproce
     counts, delays = Counter[str](), list[float]()
     to: dict[str, list[Cell]] = {}
     for cell in cells:
-        around = list(grid.neighbours(cell.place))
+        around = grid.neighbours(cell.place)
         for key in [*(f'{REPORTS}/{x}/{y}/*' for x, y in (cell.place, *around)), *(f'{TRACKS}/{x}/{y}' for x, y in around)]:
             to.setdefault(key, []).append(cell)
     with _session(options) as session:

@@ -174,7 +174,7 @@ def format_histories(histories: Sequence[ProcessHistory], settle: float, most_gr
     lines = [f'{"process":<22}{"MiB":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict']
     for one in histories:
         first = float(np.median(one.settled('resident', settle)[1][:5]))
-        counts = [_range(*one.span(name, settle)) for name in ('threads', 'descriptors')]
+        counts = ['-'.join(map(str, sorted({*one.span(name, settle)}))) for name in ('threads', 'descriptors')]
         verdict = ', '.join(one.faults(settle, most_growth, end)) or 'holds'
         grown = one.growth(settle)
         lines.append(f'{one.name[:21]:<22}{first:10.1f}{grown:+9.2f}{counts[0]:>9}{counts[1]:>8}   {verdict}')
@@ -194,10 +194,6 @@ def sound_faults(recording: Path) -> list[str]:
         return [f'the recording cannot be read: {error}']
     lost = {name: int(counts[name]) for name in LOSSES if int(counts.get(name, 0))}
     return [f'sound lost on the way to the bridge: {lost}'] if lost else []
-
-
-def _range(low: int, high: int) -> str:
-    return f'{low}' if low == high else f'{low}-{high}'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

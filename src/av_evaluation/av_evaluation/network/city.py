@@ -6,7 +6,7 @@ Cells are key expressions: reports of the rigs that reach one in, tracks with na
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,12 +64,10 @@ class Grid:
         x, y = self.cell_of(position)
         return f'{REPORTS}/{x}/{y}/{rig}'
 
-    def neighbours(self, cell: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    def neighbours(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
         """The cells around a cell."""
-        for x in range(max(cell[0] - 1, 0), min(cell[0] + 2, self.cells)):
-            for y in range(max(cell[1] - 1, 0), min(cell[1] + 2, self.cells)):
-                if (x, y) != cell:
-                    yield x, y
+        columns, rows = (range(max(place - 1, 0), min(place + 2, self.cells)) for place in cell)
+        return [(x, y) for x in columns for y in rows if (x, y) != cell]
 
     def passes(self, cell: tuple[int, int], origin: NDArray[np.float64], unit: NDArray[np.float64], margin: float) -> bool:
         """Whether a direction within its reach comes as near to a cell as a margin (m), seen from above."""
