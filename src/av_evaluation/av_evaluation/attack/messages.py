@@ -64,10 +64,9 @@ class Messages(Node):
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 
-    def spin(self, seconds: float = 0.0) -> None:
-        """Take what arrives, for at least `seconds`."""
+    def spin(self, seconds: float) -> None:
+        """Take what arrives, for some seconds."""
         end = time.monotonic() + seconds
-        self._executor.spin_once(timeout_sec=seconds)
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
 

@@ -34,6 +34,7 @@ STEP_S = 0.05  # half a hop of the windows
 RESPONSE = YawResponse(math.radians(60.0), math.radians(120.0))  # of the simulator's rigs
 STEADY = math.radians(20.0)  # rad/s
 SNR_DB = (10.0, 20.0)  # range of the draw
+HEAD = cache(Head)
 # Yaw rate (rad/s) at a time (s), None for that which pointing commands.
 TURNS: dict[str, Callable[[float], float] | None] = {
     'pointed': None, 'steady': lambda time: STEADY, 'steps': lambda time: 2.0 * STEADY * (time % 2.0 < 1.0)}
@@ -78,11 +79,6 @@ class Ears:
         heard[:len(dry) + response.shape[1] - 1] += signal.fftconvolve(dry[:, None], response.T, axes=0)
 
 
-@cache
-def _head(data: Path) -> Head:
-    return Head(data)
-
-
 def turned_until_resolved(seed: int, turns: str, data: Path, longest_s: float) -> tuple[float, float, float]:
     """Time (s) of the first resolved bearing, its azimuth and the true one (rad, in the body); inf without one.
 
@@ -94,7 +90,7 @@ def turned_until_resolved(seed: int, turns: str, data: Path, longest_s: float) -
 
     Raises FileNotFoundError.
     """
-    head, rng = _head(data), np.random.default_rng([17, seed])
+    head, rng = HEAD(data), np.random.default_rng([17, seed])
     clips = drone_files(data)
     ears = Ears(head, load_clip(clips[seed % len(clips)], head.rate), rng)
     rig = OfflineRig(head.array, MultiTargetTracker())
