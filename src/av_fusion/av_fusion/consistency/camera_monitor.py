@@ -108,6 +108,7 @@ def hypotheses(is_pair: bool) -> tuple[Hypothesis, ...]:
 # the faults, by their priors, ever exceeds 1/a with probability a at most, however long one waits (Ville 1939, Wald 1945).
 SUSPECTED, NAMED = 1e-3, 1e-4
 LEAST_NAMED = 0.05  # likelihood against the best, of a fault that explains the measurements as well, and is named, too
+LEAST_BELIEVED = 0.01  # below it a fault does not widen a bearing: of errors of 90 or 180 deg it would be all of the variance
 LAG_S = 0.6  # measurements wait for those of before, and for the heading around their time
 GAP_S = 1.5  # after which a sighting belongs to a new target
 SIGHT_PERIOD_S, SIMULTANEOUS_S = 0.2, 0.5  # between two sightings; between sound and the sighting that it is compared with
@@ -280,7 +281,8 @@ class CameraMonitor:
         """What is published of a bearing at `now` (s): while nothing is seen, bearings are off by as much as when it was."""
         if bank.target_known and now - self.seen <= GAP_S:
             self._apart = bank.apart(now - self._time, self._motion.yaw(now))
-        return Belief(*map(float, np.vstack([self._flips, self._apart]) @ posterior))
+        believed = np.where(posterior < LEAST_BELIEVED, 0.0, posterior)
+        return Belief(*map(float, np.vstack([self._flips, self._apart]) @ believed))
 
     def _fault_of(self, bank: FilterBank, named: Sequence[int], probability: float, is_sure: bool) -> Fault:
         """A fault by the indices of its hypotheses, the most probable first."""
