@@ -172,6 +172,39 @@ def test_cells_are_read_in_any_order_of_their_boxes(tmp_path, layout, order, sha
     assert detector.detect(IMAGE).boxes == pytest.approx(np.array([SEEN[0][:4]]), abs=0.01)
 
 
+@pytest.mark.parametrize('order', ['x1 y1 x2 y2', 'cx cy w h'])
+@pytest.mark.parametrize('layout', ['anchors of a cell side by side', 'coarse cells first'])
+def test_cells_in_another_order_tell_nothing_of_their_boxes(tmp_path, layout, order):
+    """As of Darknet's networks: what is near no cell is read as most networks write it, as corners where all boxes are some."""
+    rng = np.random.default_rng(3)
+    cells = yolo_models.grid(SIDE)
+    cells = np.repeat(cells, 3, axis=0) if layout.startswith('anchors') else cells[np.argsort(-cells[:, 2], kind='stable')]
+    middles, sides = (cells[:, :2] + 0.5) * cells[:, 2:], cells[:, 2:] * rng.uniform(4.0, 12.0, (len(cells), 2))
+    boxes = np.concatenate([middles - 0.5 * sides, middles + 0.5 * sides], axis=1)
+    boxes[40] = SEEN[0][:4]
+    scores = rng.uniform(0.0, 0.01, (len(cells), 3))
+    scores[40, 1] = 0.9
+    table = np.concatenate([orders(boxes)[order], scores], axis=1).T
+    if layout.startswith('anchors'):
+        table = np.insert(table.T, 4, 1.0, axis=1)
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', output=table[None], metadata=NAMES))
+    assert detector.detect(IMAGE).boxes == pytest.approx(np.array([SEEN[0][:4]]), abs=0.01)
+
+
+@pytest.mark.parametrize('order', ['x1 y1 x2 y2', 'y1 x1 y2 x2'])
+def test_corners_of_specks_are_no_centres_although_these_are_as_near_to_the_cells(tmp_path, order):
+    rng = np.random.default_rng(3)
+    cells = yolo_models.grid(SIDE)
+    middles, sides = (cells[:, :2] + rng.normal(0.65, 0.4, (len(cells), 2))) * cells[:, 2:], 0.25 * cells[:, 2:]
+    boxes = np.concatenate([middles - 0.5 * sides, middles + 0.5 * sides], axis=1)
+    boxes[40] = SEEN[0][:4]
+    scores = rng.uniform(0.0, 0.01, (len(cells), 3))
+    scores[40, 1] = 0.9
+    table = np.concatenate([orders(boxes)[order], scores], axis=1)
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', output=table.T[None], metadata=NAMES))
+    assert detector.detect(IMAGE).boxes == pytest.approx(np.array([SEEN[0][:4]]), abs=0.01)
+
+
 def test_boxes_outside_the_picture_tell_x_from_y(tmp_path):
     """Of a network that answers the same to all, in pictures whose shape is not that of the input."""
     seen = ((350.0, 20.0, 390.0, 60.0, 1, 0.9), (300.0, 40.0, 340.0, 100.0, 0, 0.6))

@@ -12,7 +12,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from av_vision.yolo.rows import CENTRE, CORNERS, SHARES, Decoded, Form, LayoutError, Reading, RowReader, check_scores
+from av_vision.yolo.rows import (
+    CENTRE,
+    CORNERS,
+    GARBAGE,
+    SHARES,
+    Decoded,
+    Form,
+    LayoutError,
+    Reading,
+    RowReader,
+    check_scores,
+    share_of_boxes,
+)
 
 MOST_ROWS = 2000    # of a table of boxes
 TABLE_COLUMNS = (6, 7)    # of tables with a class in each row, which may be empty or of zeros at first
@@ -114,7 +126,9 @@ def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layou
 def form_of_cells(rows: NDArray, size: tuple[int, int], cells: NDArray, strides: NDArray) -> tuple[Form, float]:
     """The form of the boxes of rows (n, 4+k) by cell, and how many strides these are from their cells.
 
-    Their middles follow the cells: read in another form than theirs they are ten times as far away or more.
+    Their middles follow the cells: read in another form than theirs they are ten times as far away or more, unless they are
+    small. But where nearly all are boxes as corners, they are corners: centre and size are so only close to the origin. Where
+    no form is near, the cells are in another order than the grid, and the most usual form counts.
 
     Parameters:
         rows (n, 4+k): output for one image, boxes and scores.
@@ -127,10 +141,15 @@ def form_of_cells(rows: NDArray, size: tuple[int, int], cells: NDArray, strides:
     finite = np.isfinite(rows[:, :4]).all(axis=1)
     boxes, cells, strides = rows[finite, :4], cells[finite], strides[finite]
     shares = bool(np.max(boxes, initial=0.0) <= SHARES)
+    some = np.unique(boxes[np.ptp(boxes, axis=1) > 0.0], axis=0) if len(boxes) else boxes
+    forms = [Form(order, shares) for order in CELL_ORDERS]
+    corners = [form for form in forms if form.order[0] in 'xy' and len(some)
+               and share_of_boxes(form.boxes(some, size), size) >= 1.0 - GARBAGE]
     distances = {}
-    for form in (Form(order, shares) for order in CELL_ORDERS):
+    for form in corners or forms:
         found = form.boxes(boxes, size)
         away = np.abs(0.5 * (found[:, :2] + found[:, 2:]) / strides - cells - 0.5)
         distances[form] = float(np.median(away)) if len(away) else np.inf
-    best = min(distances, key=lambda form: distances[form])
+    nearest = min(distances, key=lambda form: distances[form])
+    best = nearest if distances[nearest] < MOST_STRIDES else next(iter(distances))
     return best, distances[best]
