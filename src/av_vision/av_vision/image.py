@@ -26,7 +26,8 @@ MOST_BAD = 0.05         # share of bad pixels: sold sensors have below 0.01, and
 NORMAL_MAD = 1.4826    # standard deviation of normal values over their median absolute deviation
 MOST_PIXELS = 100_000_000    # limit where nothing knows the camera
 MOST_SCANS = 32              # of a JPEG; a progressive one has about ten, and each takes time for the whole image
-MOST_PARTS = 100_000         # chunks of a PNG, segments before the size in a JPEG; a PNG of MOST_PIXELS has thousands
+MOST_SEGMENTS = 256          # before the size in a JPEG; OpenCV takes 4 us for each
+MOST_CHUNKS = 100_000        # of a PNG; those of MOST_PIXELS have some thousand bytes each
 MOST_SIDE = 16_384           # pixels of width or height
 _MARKER = re.compile(rb'\xff([^\xff])', re.DOTALL)
 PNG = b'\x89PNG\r\n\x1a\n'
@@ -234,7 +235,7 @@ def size_of(data: bytes | memoryview) -> tuple[int, int]:
 def _size_of_png(data: bytes) -> tuple[int, int] | None:
     """The size in the first chunk of a whole file: OpenCV takes memory for what a chunk claims, and reads no other files."""
     position = len(PNG)
-    for _ in range(MOST_PARTS):
+    for _ in range(MOST_CHUNKS):
         if position + _CHUNK.size > len(data):
             return None
         length, kind = _CHUNK.unpack_from(data, position)
@@ -253,7 +254,7 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
     if data.count(b'\xff\xda') > MOST_SCANS:
         raise ValueError(f'image: a JPEG of more than {MOST_SCANS} scans')
     position = len(JPEG)
-    for _ in range(MOST_PARTS):
+    for _ in range(MOST_SEGMENTS):
         found = _MARKER.search(data, position)
         if found is None or found.end() + 7 > len(data):
             return None

@@ -77,6 +77,14 @@ def test_a_jpeg_of_many_scans_is_refused():
         decode_image(jpeg[:-2] + 1000 * scan + jpeg[-2:], cv2.IMREAD_COLOR, 600_000)
 
 
+def test_a_jpeg_of_many_segments_is_refused():
+    """A hundred thousand empty ones would take OpenCV a third of a second."""
+    jpeg = encode('.jpg')
+    assert size_of(jpeg[:2] + b'\xff\xe1\x00\x02' * 200 + jpeg[2:]) == (44, 30)
+    with pytest.raises(ValueError, match='expected a complete header of JPEG'):
+        decode_image(jpeg[:2] + b'\xff\xe1\x00\x02' * 1000 + jpeg[2:], cv2.IMREAD_COLOR)
+
+
 @pytest.mark.parametrize('kind', ['.bmp', '.webp', '.tiff', '.ppm'])
 def test_other_formats_are_refused(kind):
     with pytest.raises(ValueError, match='expected a complete header of JPEG, or a whole PNG'):
