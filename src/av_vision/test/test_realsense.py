@@ -107,6 +107,21 @@ def test_a_camera_whose_times_are_refused_is_told_and_can_be_stopped(camera, mon
     assert not capture._thread.is_alive()
 
 
+def test_a_camera_that_is_stopped_before_it_streams_does_not_begin_to(camera):
+    """As between two steps of another thread, in which it would stream unseen from then on, and be busy when opened again."""
+    source = RealSenseSource(device=camera.device)
+    sensor = camera.device.query_sensors()[0]
+    sensor.open(sensor.get_stream_profiles()[0])
+    source._running.append(sensor)
+    source.close()
+    with pytest.raises(RuntimeError):
+        sensor.start(lambda frame: None)
+    source.open()
+    camera.start()
+    assert source.read().pixels.shape == (480, 640, 3)
+    source.close()
+
+
 def test_no_camera_is_an_error_that_says_so():
     with pytest.raises(SourceError, match='no RealSense 4711 is plugged in'):
         RealSenseSource(serial='4711').open()

@@ -80,10 +80,11 @@ class RealSenseSource:
     def close(self) -> None:
         """Stop the streams, also while another thread reads; allowed when they are stopped or the device is unplugged."""
         while self._running:
-            with suppress(IndexError, RuntimeError):    # another thread was faster; it was unplugged
+            with suppress(IndexError):    # another thread was faster
                 sensor = self._running.pop()
-                sensor.stop()
-                sensor.close()
+                for end in (sensor.stop, sensor.close):
+                    with suppress(RuntimeError):    # it does not stream yet, or was unplugged
+                        end()
 
     def _start(self) -> None:
         rs = self._rs
