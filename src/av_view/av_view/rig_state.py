@@ -233,6 +233,7 @@ class RigState:
                             'range': number(float(np.linalg.norm(offset)), 1)})
         return targets
 
+
 def _bearing_part(message: Any) -> dict[str, Any]:
     return {
         'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': _sigma(message.azimuth_variance),

@@ -32,7 +32,7 @@ class Kinematics(NamedTuple):
     up: NDArray = UP
 
 
-# A body in motion: from a time (s), where it shall be then, and the velocity of the air (m/s, (3,)) in ENU its state then.
+# A body in motion: its state after a step (s), at whose end it shall be somewhere, in air of a velocity (m/s, (3,)) in ENU.
 Moving = Callable[[float, Kinematics, NDArray], Kinematics]
 
 
