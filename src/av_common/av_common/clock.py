@@ -137,7 +137,8 @@ class SenderClock:
 
     A stamp is dated when it is at most EARLY_S before and LATEST_S behind the offset. The offset follows the low arrivals
     of the last second with a bounded slew. Other stamps are refused, and form candidates for a new offset. A candidate
-    takes over, as a restart, once its stamps have agreed for AGREEMENT_S and clearly outnumber those of the present offset.
+    takes over, as a restart, once its stamps have agreed for AGREEMENT_S, clearly outnumber those of the present offset, and
+    are no fewer than those of any other candidate.
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
     back. No stamp is dated later than its arrival, and none before an older one, but where the offset was replaced.
 
@@ -232,7 +233,9 @@ class SenderClock:
         """Add an arrival to the candidates; True when it completes an agreement, and is not before its offset."""
         candidate = self._candidate(now, offset)
         if self._accepted is not None:
-            if not (candidate.agrees and candidate.count(now) > MAJORITY * self._accepted.count(now)):
+            count = candidate.count(now)
+            if not (candidate.agrees and count > MAJORITY * self._accepted.count(now)
+                    and count == max(other.count(now) for other in self._candidates)):
                 return False
             self.restarts += self.settled
             self.settled = True

@@ -221,6 +221,18 @@ def test_an_intruder_close_to_a_sender_that_restarts_does_not_become_it(rng, ahe
     assert np.mean([one.dated is None for one in sent if not one.genuine]) > 0.9
 
 
+@pytest.mark.parametrize('rate', [10, 95])
+@pytest.mark.parametrize('kind', ['early', 'of another epoch'])
+def test_an_intruder_with_a_clock_of_its_own_does_not_become_a_sender_that_restarts(rng, kind, rate):
+    """With its address, and up to 95 stamps for 100 of the sender: they have agreed for long when it restarts."""
+    sent = stream(rng, seconds=6.0, clock=lambda true: 1000.0 + true if true < 3.0 else true - 3.0)
+    times = np.sort(rng.uniform(1.5, 6.0, round(4.5 * rate)))
+    sent += [Sent(true, INTRUDERS[kind](true, number), true, genuine=False) for number, true in enumerate(times)]
+    clock = date(sent)
+    assert share(sent, begin=3.0 + REDATED) == 1.0 and clock.restarts == 1
+    assert all(one.dated is None for one in sent if not one.genuine)
+
+
 @pytest.mark.parametrize('jump', [-0.03, -0.05, -0.09])
 @pytest.mark.parametrize('jitter', [0.002, 0.005, 0.01])
 def test_a_small_step_back_is_no_reordering_however_much_delays_vary(rng, jump, jitter):

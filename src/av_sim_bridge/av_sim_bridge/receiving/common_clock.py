@@ -59,8 +59,8 @@ class CommonClock:
     """One clock for the streams of a simulator, whose stamps are of one clock and whose delays differ.
 
     Each stream has one sender at a time, and a SenderClock of it. The common offset is the median of those of all kinds of
-    streams, so that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a
-    stream that contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
+    streams, so that no single one of three or more can move it. Streams may be later than the common offset, such as images;
+    stamps of a stream that contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
 
     Attributes:
         restarts: number of times that the common offset was replaced.
