@@ -69,6 +69,8 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
     centre = np.einsum('kf,kfa->ka', modes, state[..., 0])
     ahead = sphere.moved(angles, centre)
     state[..., 0] -= centre[:, None]
+    carried = sphere.carried(sphere.axes(angles), angles[:, None], ahead[:, None])  # near the zenith, across and up turn
+    state = np.einsum('kai,kbi,kfbs->kfas', sphere.axes(ahead), carried, state)
     residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)[:, None] - state[..., 0]
     S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])[:, None]
     gain = P[..., :, 0] / S[..., None]

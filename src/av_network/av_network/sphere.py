@@ -41,3 +41,15 @@ def moved(references: Array, arcs: Array) -> Array:
     length = np.linalg.norm(along, axis=-1, keepdims=True)
     units = angles_to_direction(references[..., 0], references[..., 1])
     return np.stack(direction_to_angles(np.cos(length) * units + np.sinc(length / np.pi) * along), -1)
+
+
+def carried(vectors: Array, begin: Array, end: Array) -> Array:
+    """Vectors (..., 3) perpendicular to directions (..., 2), carried along great circles to others (..., 2).
+
+    Parameters:
+        vectors (..., 3): in the world.
+        begin, end (..., 2) (rad): where they are, and where they come to, which is not opposite.
+    """
+    a, b = (angles_to_direction(each[..., 0], each[..., 1]) for each in (begin, end))
+    along = np.sum(vectors * b, axis=-1) / np.maximum(1.0 + np.sum(a * b, axis=-1), 1e-12)
+    return np.asarray(vectors - along[..., None] * (a + b))

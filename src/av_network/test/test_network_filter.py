@@ -120,3 +120,14 @@ def test_density_of_a_lone_track_is_that_of_its_motion(monkeypatch):
         multivariate_normal.logpdf(angles, [angle] * 2, sigma**2 * (1.0 + np.eye(2)) + share * motion)
         for angle, angles, share in ((azimuths[0], azimuths[1:], 1.0), (0.0, np.zeros(2), 0.25)))
     assert total == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_lone_track_passes_overhead():
+    """A drone at 8 m/s, 25 m above a rig and 1 m beside it: its azimuth and the axes there turn round within half a second."""
+    track, densities = None, []
+    for time in np.arange(-4.0, 4.1, 0.25).tolist():
+        azimuth, elevation = math.atan2(1.0, 8.0 * time), math.atan2(25.0, math.hypot(8.0 * time, 1.0))
+        one = Observation(0, np.zeros(3), sighting(azimuth, elevation, measured=time), EXACT)
+        ((track, density),) = separate([track], [one], np.array([[8.0 * time, 1.0, 25.0]]), 0.4)
+        densities.append(density)
+    assert min(densities[2:]) > 5.0 > math.log(0.4), 'nothing contradicts its track'

@@ -24,8 +24,10 @@ def test_offsets_are_arcs_of_great_circles(seed):
     arcs = sphere.offsets(other, one)
     assert np.allclose(np.linalg.norm(arcs, axis=1), np.arccos(np.sum(units(one) * units(other), axis=1)))
     vectors = np.einsum('ni,nij->nj', arcs, sphere.axes(one))
-    turned = Rotation.from_rotvec(np.cross(units(one), vectors)).apply(units(one))
-    assert np.allclose(turned, units(other)) and np.allclose(units(sphere.moved(one, arcs)), units(other))
+    turn = Rotation.from_rotvec(np.cross(units(one), vectors))
+    assert np.allclose(turn.apply(units(one)), units(other)) and np.allclose(units(sphere.moved(one, arcs)), units(other))
+    beside = np.einsum('ni,nij->nj', random.normal(size=(50, 2)), sphere.axes(one))
+    assert np.allclose(sphere.carried(beside, one, other), turn.apply(beside))
 
 
 def test_small_offsets_are_those_of_azimuth_and_elevation():
