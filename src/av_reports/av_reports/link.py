@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 CONNECT_S, SEND_S = 10.0, 10.0  # longest time for a connection, and for a peer to take a message
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled with each that fails
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled until a connection lasts as long as that
 MOST_WAITING = 256  # messages to be sent; the oldest are dropped
 MOST_RECEIVED = 16  # messages received and not taken yet; no more are read
 POLL_S = 0.05  # between looks at what waits: a quarter of the period of reports
@@ -99,14 +99,15 @@ class Link:
     async def _run(self) -> None:
         pause = FIRST_PAUSE_S
         while not self._closing.is_set():
+            begun = time.monotonic()
             try:
-                channel = await asyncio.wait_for(self._connect(), CONNECT_S)
-                pause = FIRST_PAUSE_S
-                await self._hold(channel)
+                await self._hold(await asyncio.wait_for(self._connect(), CONNECT_S))
             except Exception as error:  # noqa: BLE001  a peer and its library may cause any; none may end the thread
                 self.problem = _words(error)
             finally:
                 self._session = 0
+            if time.monotonic() - begun > LONGEST_PAUSE_S:
+                pause = FIRST_PAUSE_S
             await self._wait(pause * random.uniform(0.8, 1.2))
             pause = min(2.0 * pause, LONGEST_PAUSE_S)
 

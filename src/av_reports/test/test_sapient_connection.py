@@ -135,6 +135,25 @@ def test_a_reset_and_a_port_without_a_listener_are_survived():
         wait_for(lambda: link.take().session == 2)
 
 
+def test_a_peer_that_hangs_up_at_once_is_asked_more_and_more_rarely(monkeypatch):
+    """Pauses of 0.05, 0.1, 0.2 and 0.4 s, each up to a fifth shorter: no peer of another protocol is asked each second."""
+    class Gone:
+        async def receive(self):
+            raise ConnectionResetError
+
+        def close(self):
+            pass
+
+    async def connect():
+        return Gone()
+
+    monkeypatch.setattr(link_module, 'LONGEST_PAUSE_S', LONG_S)
+    begun, link = time.monotonic(), Link(connect)
+    wait_for(lambda: link.connections == 5)
+    assert time.monotonic() - begun > 0.8 * 0.75
+    link.close()
+
+
 def test_a_flood_is_read_no_faster_than_it_is_taken():
     with connected() as (fusion, link):
         fusion.peer.setblocking(False)
