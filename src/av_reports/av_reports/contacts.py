@@ -25,8 +25,8 @@ class BearingTrack(NamedTuple):
 
     Parameters:
         id: stays with the target as long as its track lives.
-        time (s): instant for which the direction holds, in ROS time as it arrives, in UTC since 1970 as it is told.
-        measured (s): the same of the newest measurement associated with the track; -inf for never.
+        time (s): instant for which the direction holds, UTC since 1970.
+        measured (s): the same of the newest measurement associated with the track; 0 for never.
         existence, drone_probability: probabilities 0..1; the second one is NaN while unknown.
         class_id: most probable class; empty while unknown.
         azimuth (rad): clockwise from true north, or from the rig's forward direction without `north`; in [0, 2 pi).
@@ -104,7 +104,7 @@ def is_reported(track: BearingTrack | PositionTrack, now: float, only_drones: bo
 
     Parameters:
         track: the target.
-        now (s): the time, on the clock of the track.
+        now (s): UTC since 1970.
         only_drones: those that are probably none are left out.
     """
     return (track.existence >= LIKELY and abs(now - track.measured) <= LOST_S

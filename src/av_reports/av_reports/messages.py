@@ -18,14 +18,15 @@ LARGEST = 1e12  # m, m^2, m/s: larger ones say nothing, and make events of Curso
 LONGEST_NAME = 64  # characters of a class
 
 
-def bearing_tracks(message: TrackArray, heading: float | None, north: bool) -> Iterator[BearingTrack]:
-    """The targets of a single rig whose direction is known, in ROS time.
+def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_utc: float = 0.0) -> Iterator[BearingTrack]:
+    """The targets of a single rig whose direction is known.
 
     Parameters:
         message: of the topic `targets`.
         heading (rad): true heading of the rig's forward direction, clockwise from north, where its attitude is not known;
             None where the directions in the world are those of its attitude.
         north: count from true north; otherwise from the rig's forward direction.
+        to_utc (s): what is to be added to ROS time for UTC.
 
     Raises ValueError for stamps that cannot be used.
     """
@@ -39,8 +40,8 @@ def bearing_tracks(message: TrackArray, heading: float | None, north: bool) -> I
         known = abs(elevation) <= math.pi / 2 + 1e-3 and 0.0 <= elevation_variance < math.inf
         steepness = max(math.cos(elevation), STEEPEST) if known else 1.0
         yield BearingTrack(
-            id=track.id, time=time, measured=measured or -math.inf, existence=min(max(track.existence, 0.0), 1.0),
-            azimuth=azimuth % math.tau,
+            id=track.id, time=time + to_utc, measured=measured + to_utc if measured else 0.0,
+            existence=min(max(track.existence, 0.0), 1.0), azimuth=azimuth % math.tau,
             azimuth_sigma=min(math.sqrt(variance) / steepness, math.pi), elevation=elevation if known else math.nan,
             elevation_sigma=math.sqrt(elevation_variance) if known else math.nan, north=north,
             front_back=_probability(track.hemisphere_probability, 0.5), resolved=track.resolved,
@@ -54,8 +55,12 @@ def _azimuth(track: Track, heading: float | None, north: bool) -> float:
     return math.pi / 2 - float(track.azimuth_world) if heading is None else heading - float(track.azimuth)
 
 
-def position_tracks(message: WorldTrackArray) -> Iterator[PositionTrack]:
-    """The targets of a network of rigs (topic `tracks`) whose position is known, in ROS time; what is meaningless is left out.
+def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[PositionTrack]:
+    """The targets of a network of rigs whose position is known; what is meaningless is left out.
+
+    Parameters:
+        message: of the topic `tracks`.
+        to_utc (s): what is to be added to ROS time for UTC.
 
     Raises ValueError for stamps that cannot be used, and where the frame's origin has no place on the earth.
     """
@@ -67,7 +72,7 @@ def position_tracks(message: WorldTrackArray) -> Iterator[PositionTrack]:
         numbers = _numbers(track)
         usable = (np.abs(numbers[:15]) < LARGEST).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
         if track.positioned and usable:
-            yield _position_track(track, numbers, origin, (time, to_seconds(track.measured)))
+            yield _position_track(track, numbers, origin, (time + to_utc, to_seconds(track.measured) + to_utc))
 
 
 def place_of_fix(message: NavSatFix) -> Place:

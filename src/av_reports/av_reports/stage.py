@@ -61,7 +61,7 @@ class ReportSettings:
 class ReportStage:
     """Keeps the newest message of each kind, and says what of it is to be reported.
 
-    Times of arrival are on a steady clock, for ages, and in ROS time. What is told is in UTC.
+    Times of arrival are on a steady clock, for ages, and in UTC, for what is told.
 
     Attributes:
         settings: what is reported; may be replaced.
@@ -95,27 +95,29 @@ class ReportStage:
         """
         self._fix, self._fix_arrived = place_of_fix(message), now.steady
 
-    def on_targets(self, message: TrackArray, now: Instant) -> None:
+    def on_targets(self, message: TrackArray, now: Instant, to_utc: float) -> None:
         """Note the targets of this rig. Raises ValueError for stamps that cannot be used.
 
         Parameters:
             message: the targets.
             now: its arrival.
+            to_utc (s): what is to be added to ROS time for UTC.
         """
         if not self.settings.positions:
             heading = None if self._attitude_known else self.settings.heading
-            self._tracks = () if self._is_lost else tuple(bearing_tracks(message, heading, self.settings.north))
+            self._tracks = () if self._is_lost else tuple(bearing_tracks(message, heading, self.settings.north, to_utc))
             self._tracks_arrived = now.steady
 
-    def on_network_tracks(self, message: WorldTrackArray, now: Instant) -> None:
+    def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
         """Note the targets of a network. Raises ValueError for stamps and frames that cannot be used.
 
         Parameters:
             message: the targets.
             now: its arrival.
+            to_utc (s): what is to be added to ROS time for UTC.
         """
         if self.settings.positions:
-            self._tracks, self._tracks_arrived = tuple(position_tracks(message)), now.steady
+            self._tracks, self._tracks_arrived = tuple(position_tracks(message, to_utc)), now.steady
 
     def situation(self, now: Instant, to_utc: float) -> Situation:
         """What is to be reported.
@@ -124,11 +126,11 @@ class ReportStage:
             now: the time.
             to_utc (s): what is to be added to ROS time for UTC.
         """
+        utc = now.ros + to_utc
         silent = now.steady - self._tracks_arrived > SILENT_S
-        taken = [] if silent else [track for track in self._tracks if is_reported(track, now.ros, self.settings.only_drones)]
-        taken = [track._replace(time=track.time + to_utc, measured=track.measured + to_utc)
-                 for track in sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]]
-        return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, now.ros + to_utc)
+        taken = [] if silent else [track for track in self._tracks if is_reported(track, utc, self.settings.only_drones)]
+        taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
+        return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, utc)
 
     def _place(self, now: Instant) -> Place | None:
         if self.settings.place is not None:

@@ -56,12 +56,13 @@ def test_what_is_unknown_is_nan_and_what_is_meaningless_is_left_out():
     assert odd.front_back == 0.5 and math.isnan(odd.drone_probability) and math.isnan(odd.elevation) and len(odd.class_id) == 64
 
 
-def test_times_that_are_told_are_utc():
+def test_times_are_utc_and_stay_as_they_arrived():
+    """Also where the clocks, read one after the other, seem to go back, and behind a bag, whose clock stands still."""
     stage = ReportStage(ReportSettings(north=False))
-    stage.on_targets(targets(last_seen=to_stamp(TIME - 0.1)), Instant(0.0, TIME))
-    situation = stage.situation(Instant(0.1, TIME), 1e9)
-    track, = situation.tracks
-    assert (track.time, track.measured, situation.now) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1, 1e9 + TIME))
+    stage.on_targets(targets(last_seen=to_stamp(TIME - 0.1)), Instant(0.0, TIME), 1e9)
+    for number, drift in enumerate((0.0, -1e-5, 1.2)):
+        track, = stage.situation(Instant(0.2 * number, TIME), 1e9 + drift).tracks
+        assert (track.time, track.measured) == pytest.approx((1e9 + TIME, 1e9 + TIME - 0.1), abs=1e-6)
 
 
 @pytest.mark.parametrize('values, taken', [
@@ -130,18 +131,18 @@ def test_of_very_many_targets_the_likeliest_are_reported():
     stage = ReportStage(ReportSettings(north=False))
     message = targets()
     message.tracks = [targets(id=number, existence=0.5 + 1e-4 * number).tracks[0] for number in range(1, 1001)]
-    stage.on_targets(message, Instant(0.0, TIME))
+    stage.on_targets(message, Instant(0.0, TIME), 0.0)
     assert {track.id for track in stage.situation(Instant(0.1, TIME), 0.0).tracks} == set(range(1001 - MOST_TRACKS, 1001))
     assert stage.situation(Instant(SILENT_S + 0.1, TIME), 0.0).silent
 
 
 def test_without_a_heading_nothing_is_reported_and_the_reason_is_given():
     stage = ReportStage(ReportSettings())
-    stage.on_targets(targets(), Instant(0.0, TIME))
+    stage.on_targets(targets(), Instant(0.0, TIME), 0.0)
     situation = stage.situation(Instant(0.1, TIME), 0.0)
     assert situation.tracks == () and 'heading is not known' in situation.problems[0] and situation.place is None
     stage.on_bearing(Bearing(attitude_known=True))
-    stage.on_targets(targets(), Instant(0.2, TIME))
+    stage.on_targets(targets(), Instant(0.2, TIME), 0.0)
     stage.on_state(FusionState(missing=['doa']))
     assert stage.situation(Instant(0.3, TIME), 0.0).problems == ('no doa',)
     assert len(stage.situation(Instant(0.3, TIME), 0.0).tracks) == 1

@@ -45,10 +45,10 @@ class ReportNode(RigNode):
         """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError and ValueError for files."""
         stage = self._stage
         for kind, topic, take, quality in (
-                (TrackArray, 'targets', lambda m: stage.on_targets(m, self._instant()), RESULT),
+                (TrackArray, 'targets', lambda m: stage.on_targets(m, self._instant(), self._to_utc()), RESULT),
                 (Bearing, 'target/bearing', stage.on_bearing, RESULT), (FusionState, 'fusion/state', stage.on_state, RESULT),
                 (NavSatFix, 'fix', lambda m: stage.on_fix(m, self._instant()), STREAM),
-                (WorldTrackArray, 'tracks', lambda m: stage.on_network_tracks(m, self._instant()), RESULT)):
+                (WorldTrackArray, 'tracks', lambda m: stage.on_network_tracks(m, self._instant(), self._to_utc()), RESULT)):
             self.create_subscription(kind, topic, take, quality)
         try:
             self._open_outputs()

@@ -202,7 +202,7 @@ class SapientStage:
         self.counts['unusable messages'] += 1
         self.session.error_time = now
         self.session.error = (f'sends what cannot be read by {ICD_VERSION}, the only version spoken here: '
-                               f'{reason[:LONGEST_REASON]}')
+                              f'{reason[:LONGEST_REASON]}')
         if not is_due(now, self._newest_error, ERROR_INTERVAL_S):
             return Reaction()
         self._newest_error = now
