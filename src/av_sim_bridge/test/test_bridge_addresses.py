@@ -25,7 +25,7 @@ def make_node():
     nodes = []
 
     def make(**parameters):
-        offset = free_offset()
+        offset = free_offset(parameters.get('targets', 1))
         settings = {'port_offset': offset, 'rig_file': RIG, 'oracle_detections': 'true', 'autostart': 'false', **parameters}
         rclpy.init(args=['--ros-args', *(text for name, value in settings.items() for text in ('-p', f'{name}:={value}'))])
         nodes.append(BridgeNode())

@@ -11,11 +11,17 @@ from av_sim_bridge.wire.ports import Ports
 _OFFSETS = [250 * step + more for step in range(-35, 7) if step != 0 for more in (0, 10, 20, 30, 40)]
 
 
-def free_offset() -> int:
-    """A `port_offset` at which all ports of a rig are free. Raises OSError when there is none."""
+def free_offset(targets: int = 1) -> int:
+    """A `port_offset` at which all ports of a rig are free. Raises OSError when there is none.
+
+    Parameters:
+        targets: number of targets; ports of many reach those of participants of DDS.
+    """
     shifted = {offset: Ports().shifted(offset) for offset in _OFFSETS}
-    asked = {offset: {asked_from(port) for port in vars(ports).values()} - {None} for offset, ports in shifted.items()}
-    return free_choice('offset', {offset: vars(ports).values() for offset, ports in shifted.items()}, asked)
+    further = {offset: range(ports.target_truth + 2, ports.target_truth + 2 * targets, 2) for offset, ports in shifted.items()}
+    asked = {offset: {asked_from(port) for port in (*vars(ports).values(), *(port - 1 for port in further[offset]))} - {None}
+             for offset, ports in shifted.items()}
+    return free_choice('offset', {offset: [*vars(ports).values(), *further[offset]] for offset, ports in shifted.items()}, asked)
 
 
 def free_ports() -> Ports:
