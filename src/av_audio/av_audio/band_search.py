@@ -134,7 +134,7 @@ class BandSearch:
     def _listen(self, windows: list[NDArray]) -> None:
         """Learn the rig's own noise from windows (b, m, n), and what it leaves after whitening by other windows."""
         self._noise: EgoNoise | None = None
-        self._alone: EgoPeaks | None = None
+        self._alone: list[EgoPeaks] = []  # the highest in each window, and the next
         nothing = np.zeros((self._count, len(self.grid)), np.float32)
         self._usual = EgoValues(nothing, nothing + 1)
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
@@ -150,10 +150,11 @@ class BandSearch:
             halves = [[windows[k] for k in np.flatnonzero(half)] for half in (~late, late)]
             left = [self._left(EgoNoise(known), half) for known, half in zip(halves[::-1], halves, strict=True)]
             usual = [EgoValues.of(values, self._starts) for values in left]
-            totals = np.array([other.standard(each).sum(axis=0) for other, values in zip(usual[::-1], left, strict=True)
-                               for each in values])
-            self._alone = EgoPeaks.of(totals.max(axis=1) - totals.mean(axis=1), self.grid[totals.argmax(axis=1)], self.grid,
-                                      self._apart)
+            found = [self._two_highest(other.standard(each)) for other, values in zip(usual[::-1], left, strict=True)
+                     for each in values]
+            for peaks in zip(*found, strict=True):
+                heights, places = zip(*peaks, strict=True)
+                self._alone.append(EgoPeaks.of(heights, self.grid[list(places)], self.grid, self._apart))
             self._usual = usual[0].beside(usual[1])
         self._noise = EgoNoise(windows)
         self._use(self._noise.vectors)
@@ -176,25 +177,43 @@ class BandSearch:
             most: largest number of peaks.
         """
         window = self._window(self._bands(spectra))
-        found = [self._judged(self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool)))]
+        found = [self._judged(self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool)), 0)]
         while len(found) < most and found[0].significance > 0.0:
             explained = np.max([self._at(window, peak.q[None], self._nearest(peak.q))[:, 0] for peak in found], axis=0)
-            gain = _gain(window.values, explained).sum(axis=0)
-            tops = (gain >= gain[self._neighbours].max(axis=1)) & np.all(
-                [np.linalg.norm(self.grid - peak.q, axis=1) > self._apart for peak in found], axis=0)
-            peak = self._judged(self._peak(window, explained, tops)) if tops.any() else None
+            tops = self._tops(window.values, explained, [peak.q for peak in found])
+            peak = self._judged(self._peak(window, explained, tops), 1) if tops.any() else None
             if peak is None or peak.source_probability < 0.5:
                 break
             found.append(peak)
         return found
 
-    def _judged(self, peak: Peak) -> Peak:
-        """A peak with its probability to stem from a source, where the highest peaks of the rig alone are known.
+    def _judged(self, peak: Peak, order: int) -> Peak:
+        """A peak with its probability to stem from a source, where peaks of the rig alone of this order are known.
 
         The significance would not tell: rotors of which one becomes louder raise all bands a little, so that these agree as if
         by a source.
         """
-        return peak if self._alone is None else replace(peak, over_alone=self._alone.is_source(peak.height, peak.q))
+        return replace(peak, over_alone=self._alone[order].is_source(peak.height, peak.q)) if self._alone else peak
+
+    def _tops(self, values: NDArray, explained: NDArray, found: list[NDArray]) -> NDArray:
+        """Points (g,) of the grid at which there may be a further source: tops of what adds to those `found` (rank,).
+
+        Parameters:
+            values (b, g): on the grid.
+            explained (b,): values that bands have at these.
+            found: where they are.
+        """
+        gain = _gain(values, explained).sum(axis=0)
+        return (gain >= gain[self._neighbours].max(axis=1)) & np.all(
+            [np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
+
+    def _two_highest(self, values: NDArray) -> list[tuple[float, int]]:
+        """Height of the highest peak of values (b, g) and its place on the grid, and of the next: what adds to the highest."""
+        first = int(np.argmax(values.sum(axis=0)))
+        gain = _gain(values, values[:, first])
+        tops = self._tops(values, values[:, first], [self.grid[first]])
+        second = int(np.argmax(np.where(tops, gain.sum(axis=0), -np.inf)))
+        return [(float(_rise(part)[:, place].sum()), place) for part, place in ((values, first), (gain, second))]
 
     def _bands(self, spectra: NDArray) -> NDArray:
         """Spectra (b, m, n) of n bins in each band, from spectra (m, k)."""

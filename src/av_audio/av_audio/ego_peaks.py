@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ class EgoValues(NamedTuple):
 
 
 class EgoPeaks(NamedTuple):
-    """The highest peaks in windows of the rig alone.
+    """Peaks in windows of the rig alone: the highest of each, or the next ones.
 
     What is left of own noise is neither white nor even: of a pair half of these peaks may lie within a tenth of the cosines,
     the same in each window. A source may be anywhere.
@@ -79,7 +80,7 @@ class EgoPeaks(NamedTuple):
     reach: float
 
     @classmethod
-    def of(cls, heights: NDArray, places: NDArray, grid: NDArray, reach: float) -> EgoPeaks:
+    def of(cls, heights: Sequence[float], places: NDArray, grid: NDArray, reach: float) -> EgoPeaks:
         """Learn from peaks.
 
         Parameters:
