@@ -17,11 +17,12 @@ def free_offset(targets: int = 1) -> int:
     Parameters:
         targets: number of targets; ports of many reach those of participants of DDS.
     """
-    shifted = {offset: Ports().shifted(offset) for offset in _OFFSETS}
-    further = {offset: range(ports.target_truth + 2, ports.target_truth + 2 * targets, 2) for offset, ports in shifted.items()}
-    asked = {offset: {asked_from(port) for port in (*vars(ports).values(), *(port - 1 for port in further[offset]))} - {None}
-             for offset, ports in shifted.items()}
-    return free_choice('offset', {offset: [*vars(ports).values(), *further[offset]] for offset, ports in shifted.items()}, asked)
+    rigs = {offset: Ports().shifted(offset) for offset in _OFFSETS}
+    further = {offset: range(rig.target_truth + 2, rig.target_truth + 2 * targets, 2) for offset, rig in rigs.items()}
+    ports = {offset: [*vars(rig).values(), *further[offset]] for offset, rig in rigs.items()}
+    asked = {offset: {asked_from(port) for port in (*vars(rig).values(), *(port - 1 for port in further[offset]))} - {None}
+             for offset, rig in rigs.items()}
+    return free_choice('offset', ports, asked)
 
 
 def free_ports() -> Ports:
