@@ -128,6 +128,18 @@ def test_odometry_that_stops_or_freezes_is_noticed():
     assert not motion.is_known(3.95) and motion.is_frozen
 
 
+@pytest.mark.parametrize('stated', [True, False])
+def test_a_turn_that_ended_in_a_gap_of_odometry_is_no_frozen_attitude(stated):
+    """Poses stop for 2 s while the rig turns at 29 deg/s, with its rates or without; when they are back it stands."""
+    motion, rate = RigMotion(), 0.5
+    for k in range(40):
+        motion.add(Pose.level(0.05 * k, 0.05 * k * rate, rate * stated))
+    for k in range(80, 160):
+        motion.add(Pose.level(0.05 * k, 2.1 * rate))
+        assert motion.is_known(0.05 * k) and not motion.is_frozen
+    assert motion.jumps == 0
+
+
 def test_positions_beyond_measure_do_not_move_the_rig():
     """Their differences are not numbers; what comes later counts."""
     motion = RigMotion()

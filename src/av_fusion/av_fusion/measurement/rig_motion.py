@@ -13,6 +13,7 @@ from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, heading
 KEPT_S = 5.0  # length of the history, in which a jump is reported
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
 KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
+LARGEST_GAP_S = 0.5  # between two poses, over which their rates tell how far the rig turned meanwhile
 JUMP_RAD, ANGULAR_ACCELERATION = math.radians(10.0), 20.0  # of a rotation beyond the rates (rad, rad/s^2) that is a jump
 JUMP_M, ACCELERATION = 1.0, 30.0  # of a displacement beyond the velocity (m, m/s^2) that is a jump
 FROZEN_RAD, FROZEN_SHARE = math.radians(10.0), 0.2  # rotation by the rates, of which a live attitude shows more than this share
@@ -136,11 +137,12 @@ class RigMotion:
         step = vector_of(product(pose.attitude, inverse(last.attitude)))
         reported = pose.rate != ZERO
         by_rates = combined(0.5 * dt, last.rate, 0.5 * dt, rate if reported else last.rate)
-        kept = math.exp(-dt / KNOWN_S)
-        self._turn_by_rates = kept * self._turn_by_rates + math.sqrt(dot(by_rates, by_rates))
-        self._turn = kept * self._turn + math.sqrt(dot(step, step))
-        stands = self._turn < FROZEN_SHARE * max(self._turn_by_rates, FROZEN_RAD)
-        self.is_frozen = stands and (self.is_frozen or self._turn_by_rates > FROZEN_RAD)
+        if dt <= LARGEST_GAP_S:
+            kept = math.exp(-dt / KNOWN_S)
+            self._turn_by_rates = kept * self._turn_by_rates + math.sqrt(dot(by_rates, by_rates))
+            self._turn = kept * self._turn + math.sqrt(dot(step, step))
+            stands = self._turn < FROZEN_SHARE * max(self._turn_by_rates, FROZEN_RAD)
+            self.is_frozen = stands and (self.is_frozen or self._turn_by_rates > FROZEN_RAD)
         expected = product(quaternion_of(by_rates), last.attitude)
         change = product(pose.attitude, inverse(expected))
         angle = vector_of(change)
