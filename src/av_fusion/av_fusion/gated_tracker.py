@@ -59,7 +59,11 @@ class GatedTracker(PlainTracker):
 
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`."""
-        if self.motion.add(pose) is not None:  # earlier directions in the world are not valid
+        jump = self.motion.add(pose)
+        if jump is not None:  # earlier directions in the world are not valid; those in the body were measured
+            turn = math.atan2(jump[1][0], jump[0][0])
+            self._bearings = {source: (float(wrap(azimuth + turn)), variance)
+                              for source, (azimuth, variance) in self._bearings.items()}
             self._known = self._before = None
             self.planner.cancel()
 

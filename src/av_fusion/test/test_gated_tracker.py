@@ -60,3 +60,17 @@ def test_directions_of_long_ago_are_not_compared_with_after_a_turn():
     tracker.add_doas([window(110.0, 0.7)])
     track = tracker.estimate(110.0)
     assert track.state == State.ACOUSTIC_ACTIVE and not track.resolved
+
+
+@pytest.mark.parametrize('before', [[], [Pose.level(99.98, 0.0)]])
+def test_a_correction_of_the_attitude_moves_no_bearing_on_the_body(before):
+    """The first pose, or a jump, says that the rig faces elsewhere; what was measured in the body is where it was."""
+    tracker = GatedTracker()
+    for pose in before:
+        tracker.add_pose(pose)
+    tracker.add_doas([window(100.0, 0.4)])
+    tracker.add_camera(image(100.0, 0.3))
+    seen = tracker.estimate(100.0)
+    tracker.add_pose(Pose.level(100.02, 1.5))
+    track = tracker.estimate(100.02)
+    assert seen.azimuth == pytest.approx(0.3) == track.azimuth and track.azimuth_world == pytest.approx(1.8)
