@@ -15,6 +15,7 @@ from av_fusion.disambiguation.rotation import ASKED_S, RotationPlanner
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
+    Cone,
     Detection,
     DoaMeasurement,
     Hypothesis,
@@ -344,6 +345,15 @@ def test_a_late_image_does_not_break_a_target_that_is_surely_detected_where_it_i
     tracker.add_camera(CameraMeasurement(100.1, ()))
     azimuths = [target.track.azimuth for target in tracker.targets(tracker.estimate(100.1)).targets]
     assert azimuths == pytest.approx([0.4, -0.55], abs=0.02)
+
+
+def test_a_late_direction_from_the_side_does_not_break_what_is_heard_on_the_axis():
+    """There the cosine has no slope, and by no mode is the late direction that of the same source."""
+    tracker = MultiTargetTracker()
+    for time, cosine in ((100.0, 1.0), (99.95, 0.0)):
+        tracker.add_doas([DoaMeasurement.of_cone(time, Cone((1.0, 0.0, 0.0), cosine, 1e-4), 0.9)])
+    components = [component for track in tracker.filter.tracks for component in track.mixture.components]
+    assert len(components) > 1 and all(np.isfinite(component.covariances).all() for component in components)
 
 
 def test_a_camera_that_has_stopped_tells_nothing_of_what_can_be_seen_now():

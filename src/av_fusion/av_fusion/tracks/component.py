@@ -368,7 +368,10 @@ def _bounded(inverse_range: float) -> float:
 
 def _moments(innovations: NDArray[np.float64], variances: NDArray[np.float64], shares: NDArray[np.float64]
              ) -> NDArray[np.float64]:
-    """Sum of the shares (..., m), mean and mean square of the innovations by them, and variance of a value, (4, ...)."""
+    """Sum of the shares (..., m), mean and mean square of the innovations by them, and variance of a value, (4, ...).
+
+    The variance is 1 where no value has a share, or one below 0 by rounding: a total is never 0 / 0, nor negative.
+    """
     weighted = shares * innovations
     share, mean, square, information = np.add.reduce((shares, weighted, weighted * innovations, shares / variances), axis=-1)
-    return np.array((share, mean, square, share / np.maximum(information, 1e-300)))
+    return np.array((share, mean, square, np.maximum(share, 1e-300) / np.maximum(information, 1e-300)))
