@@ -88,6 +88,13 @@ def test_cones_that_cannot_be_are_not_used(cosine, variance):
     assert found.cone is None or usable_doa(found) is None
 
 
+def test_an_axis_that_is_no_unit_vector_is_named():
+    """Also one that a cone could not have later on."""
+    images = angles_to_direction([0.4, math.pi - 0.4])
+    with pytest.raises(ValueError, match=r'axis of length 1\.007'):
+        doa_in_body(message(images, (0.0, 1.007, 0.0)), np.eye(3))
+
+
 def test_directions_without_measure_do_not_stop_the_fusion():
     """A message may hold thousands; the strongest are used."""
     sent = message(angles_to_direction(np.linspace(-3.0, 3.0, 5000)), (0.0, 0.0, 0.0))
