@@ -172,6 +172,21 @@ def test_a_second_camera_is_aligned_with_the_first(on_gimbal):
     assert np.allclose(seen.view, expected.as_matrix(), atol=0.02)
 
 
+def test_a_second_camera_that_begins_later_and_sends_late_images_is_aligned():
+    """Its first image shows something of before the newest image of the first camera."""
+    motion = RigMotion()
+    calibration = SightingCalibration(True, 0.0, motion)
+    for k in range(20):
+        time = 0.05 * k
+        motion.add(Pose.level(time, 0.0))
+        image = CameraMeasurement(time, (Detection(0.1, 1e-5, 0.9, 0.1, 1e-5),))
+        calibration.align(time, image)
+        if k >= 10:
+            late = image._replace(time=time - 0.12, camera=CAMERAS[1])
+            calibration.align(late.time, late)
+    assert calibration.cameras[CAMERAS[1]].compared == 10
+
+
 def test_after_a_step_of_the_clock_back_it_learns_and_forgets_as_before():
     """An array that was mended meanwhile is known as well as by a clock that went on."""
     learned = []

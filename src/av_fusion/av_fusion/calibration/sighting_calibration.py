@@ -79,6 +79,7 @@ class SightingCalibration:
         if not self._enabled:
             return measurement
         first = measurement.camera == CAMERAS[0]
+        alignment = None if first else self.cameras.setdefault(measurement.camera, CameraAlignment())
         found = [one for one in measurement.detections if one.score >= LEAST_CONFIDENCE]
         if len(found) == 1 and not several:
             (one,) = found
@@ -89,7 +90,7 @@ class SightingCalibration:
                 self._sightings.add(time, Sighting(time, in_world, one.across_variance))
         while self._others and self._others[0][0] <= self._sightings.newest:
             self._compare(*self._others.popleft())
-        return measurement if first else self.cameras.setdefault(measurement.camera, CameraAlignment()).corrected(measurement)
+        return measurement if alignment is None else alignment.corrected(measurement)
 
     def _compare(self, time: float, measurement: CameraMeasurement) -> None:
         """Compare what a further camera saw with what the first one sees at that time (s)."""
