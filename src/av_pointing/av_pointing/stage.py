@@ -95,6 +95,8 @@ class PointingStage:
     def on_yaw_rate_limit(self, message: Float32) -> None:
         """Note the largest yaw rate (rad/s) that whoever obeys the commands lets through. Raises ValueError for none."""
         if 'yaw_rate_limit' not in self.contested:
+            if not math.isfinite(message.data):
+                raise ValueError(f'a limit of {message.data} rad/s, expected a finite one')
             self.controller.limit_body(message.data)
 
     def on_limiters(self, number: int) -> None:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from nav_msgs.msg import Odometry
+from std_msgs.msg import Float32
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
@@ -120,6 +121,17 @@ def test_a_pose_that_was_used_is_not_new_when_its_time_comes_again_after_a_step_
         stage.on_odometry(pose, now)
         rates.append(stage.on_bearing(bearing(now.ros, 0.5), now).yaw_rate)
     assert rates[8:60] == pytest.approx([0.0] * 52) and rates[-1] > 0.1
+
+
+@pytest.mark.parametrize('limit', [math.nan, math.inf, 0.0, -1.0])
+def test_a_limit_that_is_none_leaves_the_one_before_until_nobody_states_one(limit):
+    stage = make_stage()
+    stage.on_yaw_rate_limit(Float32(data=0.25))
+    with pytest.raises(ValueError, match='limit of'):
+        stage.on_yaw_rate_limit(Float32(data=limit))
+    assert stage.controller.body.limits.rate == 0.25
+    stage.on_limiters(0)
+    assert stage.controller.body.limits.rate == stage.controller.settings.yaw.rate
 
 
 @pytest.mark.parametrize('rate', [0.4, 0.75, 1.0])
