@@ -180,9 +180,12 @@ class FileSource:
         """Blocks (n, channels) from a sample of the stream on; they also end where the file is gone, as with its disk."""
         with suppress(OSError, ValueError, soundfile.LibsndfileError):
             self._rewind()
-            for _ in range(first // self._block):
-                if not len(self._read_block()):
-                    return
+            if self._file.frames == FRAMES_UNKNOWN:  # nor can it seek beyond
+                for _ in range(first // self._block):
+                    if not len(self._read_block()):
+                        return
+            else:
+                self._file.seek(first % self._file.frames if self._loop else min(first, self._file.frames))
             while len(block := self._read_block()):
                 yield block
 
@@ -202,7 +205,7 @@ class FileSource:
         return np.concatenate(blocks)[:, self._picked]
 
     def _rewind(self) -> None:
-        """Go to the beginning, which libsndfile cannot after the end of a file whose header states no length."""
+        """Go to the beginning, which libsndfile cannot after the end of a file that breaks off or states no length."""
         self._file.close()
         self._file = open_sound(self._path)
 

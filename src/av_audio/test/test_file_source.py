@@ -84,6 +84,26 @@ def test_a_player_that_is_late_joins_in(ramp_file):
     np.testing.assert_array_equal(block, samples[800:1200])
 
 
+@pytest.mark.parametrize('late_s', [1e9, 3.15e8 + 0.07])
+def test_a_loop_that_is_years_late_joins_in_at_once(ramp_file, late_s):
+    """As one that is started again after the clock was set."""
+    path, samples = ramp_file
+    source, buffer = FileSource(path, block_samples=400, loop=True, now=lambda: late_s), RingBuffer(3)
+    source.start(buffer, begin=0.0)
+    assert buffer.wait(5.0)
+    first, block = buffer.read(400)
+    source.close()
+    np.testing.assert_array_equal(block, np.roll(samples, -(first % len(samples)), axis=0)[:len(block)])
+
+
+def test_a_loop_of_a_file_that_breaks_off_goes_on(tmp_path):
+    content, _ = written('FLAC', seconds=1.0)
+    (tmp_path / 'cut.flac').write_bytes(content[:len(content) // 2])
+    present = read_sound(tmp_path / 'cut.flac')[0]
+    heard = collect(FileSource(tmp_path / 'cut.flac', block_samples=800, loop=True), 2 * len(present))
+    np.testing.assert_array_equal(heard[:2 * len(present)], np.tile(present, (2, 1)))
+
+
 def test_a_player_that_is_early_waits(ramp_file):
     source, buffer = FileSource(ramp_file[0], block_samples=160, now=lambda: 100.0), RingBuffer(3)
     before = time.monotonic()
