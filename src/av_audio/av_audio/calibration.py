@@ -280,25 +280,27 @@ def _fit(azimuths: NDArray, paths: NDArray) -> tuple[NDArray, float, NDArray[np.
     offset, weights = _consensus(azimuths, paths)
     grid = np.linspace(0.0, np.pi, 61)
     model = np.linalg.lstsq(_bernstein(grid), _terms(grid) @ weights, rcond=None)[0]
-    stiffness = STIFFNESS * np.sqrt(len(paths)) / AGREEMENT
+    stiffness = STIFFNESS * np.sqrt(len(paths))
 
     def misfits(values: NDArray) -> NDArray:
         return _bernstein(np.abs(wrap(azimuths - values[-1]))) @ coefficients(values) - paths
 
-    def errors(values: NDArray) -> NDArray:
-        return np.concatenate([_limited(misfits(values) / AGREEMENT), stiffness * np.diff(coefficients(values) - model, 2)])
+    def errors(values: NDArray, width: float) -> NDArray:
+        return np.concatenate([_limited(misfits(values) / width), stiffness / width * np.diff(coefficients(values) - model, 2)])
 
     def coefficients(values: NDArray) -> NDArray:  # of the first one, the steps down, and the rotation
         return values[0] - np.concatenate([[0.0], np.cumsum(values[1:-1])])
 
-    begin = np.concatenate([model[:1], np.maximum(-np.diff(model), 2.0 * LEAST_STEP), [offset]])
+    found, width = np.concatenate([model[:1], np.maximum(-np.diff(model), 2.0 * LEAST_STEP), [offset]]), AGREEMENT
     least = np.concatenate([[-np.inf], np.full(DEGREE, LEAST_STEP), [-np.inf]])
-    found = least_squares(errors, begin, bounds=(least, np.inf)).x
-    apart = np.abs(misfits(found))
-    near = apart[apart < 2.0 * AGREEMENT]
-    if len(near) < MIN_ANGLES:
-        raise ValueError(f'{len(near)} of {len(paths)} estimates agree, at least {MIN_ANGLES} are needed')
-    return coefficients(found), float(found[-1]), apart > OUTLIER * max(LEAST_SCALE, 1.4826 * float(np.median(near)))
+    for _ in range(2):  # the second time as wide as the scatter of the first
+        found = least_squares(errors, found, bounds=(least, np.inf), args=(width,)).x
+        apart = np.abs(misfits(found))
+        near = apart[apart < 2.0 * AGREEMENT]
+        if len(near) < MIN_ANGLES:
+            raise ValueError(f'{len(near)} of {len(paths)} estimates agree, at least {MIN_ANGLES} are needed')
+        width = OUTLIER * max(LEAST_SCALE, 1.4826 * float(np.median(near)))
+    return coefficients(found), float(found[-1]), apart > width
 
 
 def _limited(errors: NDArray) -> NDArray:
