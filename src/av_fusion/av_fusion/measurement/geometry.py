@@ -42,7 +42,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
     """
     rows = rows_of(rotation)
     length = math.hypot(message.axis.x, message.axis.y, message.axis.z)
-    if not (length == 0.0 or abs(length**2 - 1.0) < UNIT_TOLERANCE):
+    if not (length == 0.0 or abs(length * length - 1.0) < UNIT_TOLERANCE):
         raise ValueError(f'axis of length {length:g}, expected a unit vector, or zero without an axis')
     time, axis = to_seconds(message.header.stamp), turned(rows, (message.axis.x, message.axis.y, message.axis.z))
     groups: dict[int, list[Doa]] = {}
