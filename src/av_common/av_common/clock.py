@@ -167,7 +167,7 @@ class SenderClock:
         self._time, self._order = ElapsedTime(), Order()
         self._accepted: _Offset | None = None
         self._candidates: list[_Offset] = []
-        self._offset = self._floor = self._low = math.nan
+        self._offset = self._floor = math.nan
         self._earliest = math.nan    # the floor by which it was on time last
         self._newest = self._renewed = -math.inf    # newest stamp, and when it arrived first
         self._corrected = 0.0
@@ -214,14 +214,13 @@ class SenderClock:
     def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
         accepted.add(now, offset)
         if not self.settled:
-            self._offset = self._floor = self._earliest = self._low = min(self._offset, offset)
+            self._offset = self._floor = self._earliest = min(self._offset, offset)
             self.settled = accepted.agrees or accepted.grows
         elapsed = now - self._corrected
         if elapsed < STEP_S or not self.settled:
             return
         self._corrected = now
-        self._low = accepted.low()
-        error = self._low - self._offset
+        error = accepted.low() - self._offset
         steady = accepted.count(now) > FEWEST and accepted.span > 0.8 * AGREEMENT_S
         most = elapsed * (CHASE if steady and abs(error) > EARLY_S else self._drift)
         self._offset += max(-most, min(most, error))
@@ -240,7 +239,7 @@ class SenderClock:
             self.restarts += self.settled
             self.settled = True
         self._accepted, self._candidates, self._order = candidate, [], Order()
-        self._offset = self._floor = self._earliest = self._low = candidate.settle()
+        self._offset = self._floor = self._earliest = candidate.settle()
         self._newest, self._corrected = -math.inf, now
         return offset >= self._offset - self._early
 
