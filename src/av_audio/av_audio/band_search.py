@@ -135,8 +135,7 @@ class BandSearch:
         """Learn the rig's own noise from windows (b, m, n), and what it leaves after whitening by other windows."""
         self._noise: EgoNoise | None = None
         self._alone: list[EgoPeaks] = []  # the highest in each window, and the next
-        nothing = np.zeros((self._count, len(self.grid)), np.float32)
-        self._usual = EgoValues(nothing, nothing + 1)
+        self._usual = EgoValues(*(np.broadcast_to(np.float32(value), (self._count, len(self.grid))) for value in (0.0, 1.0)))
         self._use(np.broadcast_to(np.eye(self._array.channels), (1, self._count, *2 * (self._array.channels,))))
         if not windows:
             return
