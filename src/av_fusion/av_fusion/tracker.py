@@ -27,7 +27,7 @@ from av_fusion.tracks.track import MAX_GAP_S
 from av_fusion.tracks.track import Track as FilterTrack
 
 KNOWN_RANGE = 2.0  # inverse range over its standard deviation from which a range is published
-UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
+UNKNOWN = 0.5  # visibility by which looks and rotations are planned while it is unknown: only looking tells
 
 
 @dataclass(frozen=True)
@@ -250,6 +250,12 @@ class MultiTargetTracker:
         return Target(track.id, track.existence, shown, track.drone, primary.newest_doa, primary.newest_sighting,
                       track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency, track.mixture.on_rig)
 
+    @property
+    def _expected_visibility(self) -> float:
+        """Visibility (0..1) by which looks and rotations are planned."""
+        known = self._image.visibility
+        return known if math.isfinite(known) else max(self.settings.filter.assumed_visibility, UNKNOWN)
+
     def _plan_rotation(self, time: float, tracks: Sequence[FilterTrack]) -> float:
         """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
         if not tracks or self._mirror_axis is None:
@@ -258,17 +264,16 @@ class MultiTargetTracker:
         yaw = self.motion.yaw(time)
         axis = turned_back(heading(yaw), turned(self.motion.attitude(time), self._mirror_axis))
         return self.planner.plan(time, yaw, lambda: [candidates(track.mixture, yaw, axis, self._confirm) for track in tracks],
-                                 axis, self._image, self._confirm)
+                                 axis, self._image._replace(visibility=self._expected_visibility), self._confirm)
 
     def _plan_look(self, time: float, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
         """Where a look decides most about tracks, of which the last one is followed."""
         if self.looks is None or self.planner.is_asked(time):
             return None
-        visibility = (self._image.visibility if math.isfinite(self._image.visibility)
-                      else max(self.settings.filter.assumed_visibility, UNKNOWN))
         components = [component for track in {track.id: track for track in tracks}.values()
                       for component in track.mixture.likely]
-        return self.looks.plan(time, components, visibility * self.settings.filter.detection_probability, self.motion)
+        visible = self._expected_visibility * self.settings.filter.detection_probability
+        return self.looks.plan(time, components, visible, self.motion)
 
 
 def _why_not_followed(found: Sequence[Target]) -> str:

@@ -172,8 +172,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     middle = math.atan2(image.view[1][0], image.view[0][0])
     in_view = (np.cos(course - middle) > math.cos(image.half_view)).any(axis=1, keepdims=True)
-    visibility = image.visibility if math.isfinite(image.visibility) else 0.0
-    information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
+    information = acoustic + SIGHT_NATS * image.visibility * np.logical_or.accumulate(in_view, axis=-1)
     needed = math.log(confirm / (1.0 - confirm)) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear
