@@ -299,6 +299,17 @@ def test_a_rotation_that_is_asked_for_ends_by_itself():
     assert not tracker.planner.is_asked(10.0)  # the clock went back
 
 
+@pytest.mark.parametrize('visibility', [math.nan, 1.0])
+@pytest.mark.parametrize('azimuth_deg', [-105.0, -85.0, -75.0])
+def test_a_rotation_brings_a_direction_into_view_although_no_visibility_is_stated(azimuth_deg, visibility):
+    """Directions far to the right come into view by a turn to the right, whatever is known of the visibility."""
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(1)
+    for time in 100.0 + 0.25 * np.arange(4):
+        tracker.add_camera(CameraMeasurement(time, (), math.radians(35.0), visibility=visibility))
+        tracker.add_doas([sensors.doa(time, math.radians(azimuth_deg))])
+    assert tracker.estimate(time).requested_rotation < 0.0
+
+
 def test_where_rotations_are_not_enabled_none_can_be_asked_for():
     planner = RotationPlanner(enabled=False)
     with pytest.raises(ValueError, match='`rotation` is false'):
