@@ -15,9 +15,16 @@ TUTORIALS = sorted(PROJECT.glob('docs/tutorials/*.md'))
     'ros2 run av_audio lokalize x.wav', 'ros2 launch av_fusion rig.launch.py scenaro:=circle', 'make frob',
     'ros2 launch av_fusion rigg.launch.py', 'ros2 launch av_fusion rig.launch.py scenario:=nowhere',
     'ros2 run av_audio doa_node --ros-args -p metod:=phat',
-    'ros2 run av_evaluation evaluate circle --sedes 3', 'ros2 run av_audio localize "x.wav'])
+    'ros2 run av_evaluation evaluate circle --out results --sedes 3', 'ros2 run av_audio localize "x.wav',
+    'ros2 run av_evaluation evaluate circle', 'ros2 run av_view doctor --clap nowhere',
+    'ros2 run av_evaluation evaluate circle --out results --from air', 'ros2 run av_bags repair_bag flight.mcap'])
 def test_a_command_that_cannot_be_typed_is_found(command):
     assert list(tool('commands').faults_of(command))
+
+
+def test_the_commands_of_all_pages_can_be_typed():
+    """With the parsers of the programs, which lint has only after a build."""
+    assert not tool('commands').main()
 
 
 def test_a_parameter_that_no_node_has_is_found():

@@ -1,39 +1,69 @@
 """Commands in documents can be typed: shell syntax, programs, their options, launch arguments, parameters and targets exist.
 
-What does not is printed with its page; exit code 1 if there is any. Nothing is run, and no build is needed: programs are read
-from each setup.py, options from the programs' texts, launch arguments from the launch files, parameters from the YAML.
+What does not is printed with its page; exit code 1 if there is any. Programs are read from each setup.py, launch arguments from
+the launch files, parameters from the YAML. A program is run up to where it has parsed its command line, in a built workspace;
+elsewhere command lines are left to the tests, which run this after the build.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import io
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import redirect_stderr
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
+sys.path[:0] = map(str, PROJECT.glob('src/av_*'))
 BLOCK = re.compile(r'^```(bash|yaml)\n(.*?)^```', re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r'(?<!`)`((?:ros2 (?:run|launch|param|topic|service)|make) [^`\n]+(?:\n[^`\n]+)*)`')
 PLACEHOLDER = re.compile(r'[<>]|\.\.\.|^[A-Z_]+$')
 OF_ALL_NODES = {'use_sim_time'}
 
 
-@cache
-def text_of(package: str) -> str:
-    """The source of a package."""
-    return '\n'.join(file.read_text() for file in (PROJECT / 'src' / package / package).rglob('*.py'))
+class Parsed(BaseException):
+    """A program has parsed its command line."""
 
 
 @cache
-def programs(package: str) -> set[str]:
-    """Names of a package's programs."""
-    return set(re.findall(r"'(\w+) = [\w.]+:\w+'", (PROJECT / 'src' / package / 'setup.py').read_text()))
+def programs(package: str) -> dict[str, str]:
+    """The module of each of a package's programs by name."""
+    return dict(re.findall(r"'(\w+) = ([\w.]+):main'", (PROJECT / 'src' / package / 'setup.py').read_text()))
+
+
+def complaint(module: str, arguments: list[str]) -> str:
+    """What a program says of a command line that it does not take; empty where it takes it, or cannot be imported.
+
+    Parameters:
+        module: whose `main` parses it, by argparse.
+        arguments: behind the program's name.
+    """
+    parse, said = argparse.ArgumentParser.parse_args, io.StringIO()
+
+    def stop(self: argparse.ArgumentParser, *given: Any) -> None:
+        parse(self, *given)
+        raise Parsed
+
+    with mock.patch.object(argparse.ArgumentParser, 'parse_args', stop), mock.patch.object(sys, 'argv', [module, *arguments]), \
+            redirect_stderr(said):
+        try:
+            import_module(module).main()
+        except (Parsed, ImportError, LookupError):    # messages, parameters and shared folders come with the build
+            return ''
+        except SystemExit:
+            return said.getvalue().strip().splitlines()[-1]
+    raise RuntimeError(f'{module} has parsed nothing')
 
 
 @cache
@@ -85,7 +115,7 @@ def faults_of(command: str) -> Iterator[str]:
         return
     for k, word in enumerate(words):
         rest = words[k + 1:]
-        end = next((i for i, one in enumerate(rest) if one in ('|', '&&', ';', '#')), len(rest))
+        end = next((i for i, one in enumerate(rest) if one in ('|', '&&', ';', '#', '>')), len(rest))
         rest = rest[:end]
         if word == 'make' and k == 0 and rest and not any(PLACEHOLDER.search(one) for one in rest[:1]):
             targets = set(re.findall(r'^(\w+):', (PROJECT / 'Makefile').read_text(), re.MULTILINE))
@@ -101,6 +131,7 @@ def _faults_of_program(package: str, program: str, rest: list[str]) -> Iterator[
         return
     if program not in programs(package):
         yield f'{package} has no program {program}'
+        return
     if '--ros-args' in rest:
         known = parameters(program)
         for one in rest[rest.index('--ros-args'):]:
@@ -109,10 +140,9 @@ def _faults_of_program(package: str, program: str, rest: list[str]) -> Iterator[
             if told and name not in known | OF_ALL_NODES:
                 yield f'{program} has no parameter {name}'
         rest = rest[:rest.index('--ros-args')]
-    for option in (one.partition('=')[0] for one in rest):
-        there = any(f"'{option}'" in text_of(each) for each in (package, 'av_evaluation', 'av_audio', 'av_simulator'))
-        if re.fullmatch(r'--[a-z][\w-]*', option) and not there:
-            yield f'{package} {program} has no option {option}'
+    module = programs(package)[program]
+    if rest and '.nodes.' not in module and (said := complaint(module, rest)):    # its bare name is no command line
+        yield said
 
 
 def _faults_of_launch(file: str, rest: list[str]) -> Iterator[str]:
