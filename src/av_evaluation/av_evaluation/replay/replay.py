@@ -99,6 +99,7 @@ class Replay:
 
     Attributes:
         stage: the one of STAGES from which on results are computed.
+        frames: the rig's, by the bag and its description.
         notes: what is missing and how it is made up for; after `run` also what could not be used.
         lost: whether messages that were read could not be used.
 
@@ -214,15 +215,15 @@ class Replay:
     def _build(self) -> None:
         fusion, rig = self._parameters('av_fusion', 'fusion_node'), self._rig
         self._gimbal = GimbalHistory()
-        self._frames = SensorFrames(rig, self._gimbal)
-        self._odometry = BodyOdometry(self._frames.fixed)
+        self.frames = SensorFrames(rig, self._gimbal)
+        self._odometry = BodyOdometry(self.frames.fixed)
         if names.FRAMES in self._topics:
-            self._frames.learn(self._bag, self._topics[names.FRAMES])
+            self.frames.learn(self._bag, self._topics[names.FRAMES])
         models = {camera: self._model(camera, mount) for camera, mount in rig.cameras.items()}
-        self._converter = MeasurementConverter(self._frames.rotation, cameras=models)
+        self._converter = MeasurementConverter(self.frames.rotation, cameras=models)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
-            self._fusion = make_fusion_stage(fusion, self._frames.rotation, models, self._recorder,
+            self._fusion = make_fusion_stage(fusion, self.frames.rotation, models, self._recorder,
                                              make_tracker(fusion, rig.gimbal), self._gimbal if rig.gimbal else None,
                                              tuple(rig.cameras))
             self._fusion.converter.optical_frames = rig.optical_frames
@@ -248,7 +249,7 @@ class Replay:
         given = {'model': file, 'camera_kind': mount.images,
                  'keep_classes': list(self._settings.classes) if camera == CAMERAS[0] else []}
         stage = make_detection_stage(self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v}))
-        stage.mount(self._frames.rotation, model)
+        stage.mount(self.frames.rotation, model)
         return stage
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
@@ -296,9 +297,9 @@ class Replay:
             self._conclude_fusion(self._fusion)
         for frame in sorted(self._odometry.assumed):
             self._note(f"odometry of {frame!r}: no transform from it to the body, it counts as the body's")
-        for frame in sorted(self._frames.impossible):
+        for frame in sorted(self.frames.impossible):
             self._lose(f'the transform of {frame!r} is left out: its rotation is no unit quaternion')
-        for frame in sorted(self._frames.unknown):
+        for frame in sorted(self.frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
 
     def _conclude_sound(self, doa: DoaStage) -> None:
