@@ -6,6 +6,7 @@ import math
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 
 from av_bags.topics import TRUE_RIG, TRUE_TARGET
@@ -18,8 +19,9 @@ pytestmark = pytest.mark.system
 
 
 @pytest.fixture
-def node():
-    rclpy.init(args=['--ros-args', '-p', 'autostart:=false'])
+def node(request):
+    """The node in the namespace that a test is given, else in none."""
+    rclpy.init(args=['--ros-args', '-p', 'autostart:=false', '-r', f'__ns:={getattr(request, "param", "/")}'])
     made = MonitorNode()
     made.trigger_configure()
     yield made
@@ -48,3 +50,14 @@ def test_each_deactivation_prints_the_figures(node, capsys):
         node.trigger_activate()
         node.trigger_deactivate()
         assert 'coverage' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('node', 'shown'), [('/left', 'left/camera_node: absent'), ('/right', 'right/doa_node: silent'),
+                                             ('/', 'camera_node: absent')], indirect=['node'])
+def test_problems_are_those_of_the_rig_itself(node, shown, capsys):
+    """Several rigs of one network, each of which says what is wrong with its nodes."""
+    others = (('left/camera_node', 'absent'), ('right/doa_node', 'silent'), ('camera_node', 'absent'))
+    node._on_diagnostics(DiagnosticArray(status=[
+        DiagnosticStatus(name=f'{name}: status', message=message, level=DiagnosticStatus.ERROR) for name, message in others]))
+    node._each_second()
+    assert [line.strip() for line in capsys.readouterr().out.splitlines() if '!' in line] == [f'! {shown}']

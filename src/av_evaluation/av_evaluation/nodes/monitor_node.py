@@ -124,10 +124,12 @@ class MonitorNode(RigNode):
             self._recorder.on_truth(name, message, self.now())
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note what is wrong with the nodes of this rig: all rigs of a network share the topic."""
         for status in message.status:
-            name = status.name.removesuffix(': status')[:LONGEST_PROBLEM]
+            name = status.name.removesuffix(': status').strip('/')[:LONGEST_PROBLEM]
             self._problems.pop(name, None)
-            if status.level != DiagnosticStatus.OK and len(self._problems) < MOST_PROBLEMS:
+            own = name.rpartition('/')[0] == self.get_namespace().strip('/')
+            if own and status.level != DiagnosticStatus.OK and len(self._problems) < MOST_PROBLEMS:
                 self._problems[name] = status.message[:LONGEST_PROBLEM]
 
     def _each_second(self) -> None:
