@@ -44,12 +44,12 @@ def test_the_report_shows_the_four_experiments_and_both_tables(tmp_path):
     groups = cases_of(1, True, tmp_path)
     runs = {name: [made_up(case, 2.0) for case in cases] for name, cases in groups.items()}
     page = tmp_path / 'report.html'
-    make_page(runs, 'make report QUICK=1', True).write(page)
+    metrics = metrics_by_experiment(runs)
+    make_page(runs, metrics, 'make report QUICK=1', True).write(page)
     text = page.read_text()
     for part in ('Table 1', 'Table 3', 'Figure 9', 'Figure 11', 'Figure 13', 'Figure 14', '4.11°', '5.89°',
                  'make report QUICK=1'):
         assert part in text
-    metrics = metrics_by_experiment(runs)
     assert set(EXPERIMENTS) < set(metrics)
     assert metrics['circle']['fused']['rmse_deg'] == pytest.approx(2.0, abs=0.05)
     low, high = (metrics['all']['fused'][key] for key in ('rmse_low_deg', 'rmse_high_deg'))

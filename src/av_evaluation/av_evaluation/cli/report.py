@@ -12,24 +12,24 @@ from pathlib import Path
 
 from av_common.arguments import whole
 from av_evaluation.experiments.methods import METHODS, check_methods
-from av_evaluation.experiments.publication import PUBLISHED, cases_of, make_page, metrics_by_experiment
+from av_evaluation.experiments.publication import cases_of, make_page, metrics_by_experiment, senses_table
 from av_evaluation.metrics.results import write_json
-from av_evaluation.report.text import format_rows, rmse_cell, rmse_with_coverage, rows_of
+from av_evaluation.report.text import format_rows, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_vision.methods import is_model_file
 
 SEEDS = 5  # runs of each experiment
 MEASURED = Path('docs', 'measured', 'metrics.json')  # beside the README
 BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
-# Title of each experiment, and what it repeats in `PUBLISHED`.
-EXPERIMENTS = {
-    'circle, detector': ('drone circles in clear air', 'circle'),
-    'tripod, detector': ('loudspeaker in steps of 20 degrees', 'tripod'),
-    'fog_woodland, detector': ('drone in fog', ''),
-    'occluded_room, detector': ('indoors, hidden now and then', ''),
-    'all, detector': ('the four together', ''),
-    'filmed': ('real video and real sound, lens covered for 55 %', ''),
-    'all': ("the four, boxes by the simulator's oracle", ''),
+# The rows of the README's table by experiment.
+TITLES = {
+    'circle, detector': 'drone circles in clear air',
+    'tripod, detector': 'loudspeaker in steps of 20 degrees',
+    'fog_woodland, detector': 'drone in fog',
+    'occluded_room, detector': 'indoors, hidden now and then',
+    'all, detector': 'the four together',
+    'filmed': 'real video and real sound, lens covered for 55 %',
+    'all': "the four, boxes by the simulator's oracle",
 }
 
 
@@ -47,27 +47,12 @@ def measured_version(folder: Path) -> str:
 
 def measured_table(content: Mapping) -> str:
     """The table of the README for the content of metrics.json and the version that was measured, as Markdown."""
-    lines = ['| experiment | fused | published gate | sound held | sight held | sound, sight at capture (coverage of sight) '
-             '| published: sound, sight, fused |', '|---|---|---|---|---|---|---|']
-    for name, (title, published) in EXPERIMENTS.items():
-        figures = content['experiments'].get(name)
-        if figures:
-            cells = [f'{rmse_cell(figures["fused"])}{_worse(figures)}', rmse_cell(figures['gated']),
-                     *(rmse_cell(figures[sense], 'held_rmse_deg') for sense in ('sound', 'sight')),
-                     f'{rmse_cell(figures["sound"])}, {rmse_with_coverage(figures["sight"])}',
-                     ', '.join(PUBLISHED[published][1:]) if published else '–']
-            lines.append(f'| {title} | {" | ".join(cells)} |')
+    head, rows = senses_table(content['experiments'], TITLES)
+    lines = [f'| {" | ".join(cells)} |' for cells in (head, *rows)]
+    lines.insert(1, '|---' * len(head) + '|')
     if content.get('version'):
         lines += ['', f'Measured with commit {content["version"]}.']
     return '\n'.join(lines)
-
-
-def _worse(figures: Mapping) -> str:
-    """Which sensors held alone have a smaller error than both together, at the same instants."""
-    fused = figures['fused']['rmse_deg']
-    held = {name: figures[name].get('held_rmse_deg') for name in ('sound', 'sight')}
-    better = [name for name, error in held.items() if None not in (fused, error) and error < fused]
-    return f' (worse than {" and ".join(better)})' if better else ''
 
 
 def write_readme(readme: Path, content: Mapping) -> None:
@@ -108,7 +93,7 @@ def report(options: argparse.Namespace) -> int:
     command, metrics = f'make report{given}', metrics_by_experiment(runs)
     content = {'command': command, 'version': measured_version(Path.cwd()), 'experiments': metrics}
     write_json(options.out / 'metrics.json', content)
-    make_page(runs, command, options.quick, methods).write(options.out / 'report.html')
+    make_page(runs, metrics, command, options.quick, methods).write(options.out / 'report.html')
     print(format_rows(*rows_of(metrics['all'])))
     print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
     if options.readme and not failures:
