@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from faulty_rig import FaultyRig, drone, lies, turning, turning_rig
-from formula_rig import START, Source, never
+from formula_rig import START, Source, azimuth_of, never, wrapped
 from judged_rig import FormulaRig
 from scipy.spatial.transform import Rotation
 from vehicle import Vehicle
@@ -54,16 +55,37 @@ def test_what_is_wrong_is_told(faults, words, seed):
         assert lies(rig, when + 0.2) == 0.0
 
 
+@pytest.mark.parametrize('array', ['pair', 'square'])
 @pytest.mark.parametrize('faulty', ['camera', 'second_camera'])
-@pytest.mark.parametrize('seed', [0, 1])
-def test_of_two_cameras_the_one_that_is_mounted_otherwise_is_told(faulty, seed):
-    """Each is compared with what is heard."""
-    rig, first = told(Faults(camera_yaw_deg=-22.0), seed, faulty=faulty, others=SECOND)
-    assert first is not None and lies(rig, first[0] + 0.2) == 0.0
-    assert f'the {faulty.replace("_", " ")} is turned by -2' in first[1].text
-    assert f'rpy_deg of {faulty} or array' in first[1].mend
-    other = {'camera', 'second_camera'} - {faulty}
-    assert f'the {other.pop().replace("_", " ")} is' not in first[1].text
+@pytest.mark.parametrize('fault', [Faults(camera_yaw_deg=-22.0), Faults(mirrored=True)], ids=title)
+def test_of_two_cameras_the_one_that_is_mounted_otherwise_is_left_out(fault, faulty, array):
+    """Each is compared with what is heard; once sound and the other one agree, bearings rest on these."""
+    rig, told_at = turning_rig(fault, 0, faulty=faulty, others=SECOND, array=array), None
+    for t in rig.steps(TOLD_S):
+        told_at = told_at or (t if rig.stage.left_out else None)
+    told, other = rig.stage.consistency.fault, ({'camera', 'second_camera'} - {faulty}).pop()
+    assert told_at is not None and rig.stage.left_out == {faulty}
+    assert f'the {faulty.replace("_", " ")} is' in told.text and f'the {other.replace("_", " ")} is' not in told.text
+    assert faulty in told.mend
+    after = rig.following(told_at + 1.0)
+    assert len(after) > 0.95 * len(rig.between(told_at + 1.0)) and lies(rig, told_at + 0.2) == 0.0
+    errors = [abs(wrapped(math.degrees(one.bearing.azimuth) - azimuth_of(rig.body(one.t)))) for one in after]
+    assert np.mean(np.array(errors) < 3.0) > 0.95
+    assert all(one.bearing.source & Bearing.SOURCE_SIGHT and one.bearing.resolved for one in after[-20:])
+    assert all(f'{faulty} not used: ' in one.state.reason for one in after[-20:])
+
+
+def test_no_camera_is_left_out_where_a_user_decides():
+    rig, first = told(Faults(mirrored=True), 0, faulty='second_camera', others=SECOND, parameters={'setup_check': 'warn'})
+    assert first is not None and not rig.stage.left_out
+    assert not any('not used' in moment.state.reason for moment in rig.moments)
+
+
+def test_exchanged_microphones_stop_a_rig_of_two_cameras():
+    """Neither camera confirms what is heard."""
+    rig, first = told(Faults(swapped=True), 0, others=SECOND)
+    assert first is not None and first[1].is_certain and not rig.stage.left_out
+    assert all(moment.bearing.source == 0 for moment in rig.following(first[0] + 0.2))
 
 
 @pytest.mark.parametrize('seed', [0, 1])

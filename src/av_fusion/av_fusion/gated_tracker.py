@@ -51,9 +51,9 @@ class GatedTracker(PlainTracker):
         self._images = 0  # of what was heard last, by mirrors
         self._visibility = math.nan
 
-    def reset(self) -> None:
+    def reset(self, learned: bool = False) -> None:
         """See `PlainTracker`."""
-        super().reset()
+        super().reset(learned)
         self.machine.restart()
         self.planner.cancel()
 

@@ -61,8 +61,12 @@ class PlainTracker:
         """Azimuth (rad, world) and its variance (rad^2) at `time` (s); None while unknown."""
         raise NotImplementedError
 
-    def reset(self) -> None:
-        """Discard the track and all times, but keep the rig's motion and the result of calibration."""
+    def reset(self, learned: bool = False) -> None:
+        """Discard the track and all times, but keep the rig's motion.
+
+        Parameters:
+            learned: whether to discard the results of calibration, too.
+        """
         self._newest = dict.fromkeys(self._newest, -math.inf)
         self.restart()
 

@@ -234,6 +234,11 @@ class FusionStage:
         silent = self.gate.silent(now, MISSING_AFTER_S)
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
+    @property
+    def left_out(self) -> frozenset[str]:
+        """Cameras that are not used, see `ConsistencyMonitor`; none where a user decided who knows better."""
+        return self.consistency.left_out if self.consistency is not None and self._stop_at_faults else frozenset()
+
     def refuse_contested(self, publishers: Mapping[str, list[str]]) -> None:
         """State which inputs have more than one publisher: none of their messages is used, and every bearing is a prediction.
 
@@ -306,14 +311,18 @@ class FusionStage:
             self._observer.on_camera(measurement, message, arrival)
         if self.consistency is not None:
             self.consistency.add_camera(measurement)
+            if camera in self.left_out:
+                return False
         self.tracker.add_camera(measurement)
         return True
 
     def _output(self, now: float) -> FusionOutput:
-        self._last_output = now
+        self._last_output, used = now, self.left_out
+        fault = self.consistency.advance(now) if self.consistency is not None else None
+        if self.left_out - used:
+            self.tracker.reset(learned=True)  # all that is known rests on that camera, too
         track = self.tracker.estimate(now)
         targets = self.tracker.targets(track)
-        fault = self.consistency.advance(now) if self.consistency is not None else None
         if self.gate.contested:
             reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})'
                                for name, nodes in self.gate.contested.items())
@@ -325,6 +334,8 @@ class FusionStage:
             if fault is not None and fault.is_certain:
                 reason = f'the rig is not as described: {fault.text}'
                 track, targets = as_predictions(track, targets, reason, sides=False)
+            elif fault is not None and self.left_out:
+                track = track._replace(reason=f'{track.reason}; {" and ".join(sorted(self.left_out))} not used: {fault.text}')
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = BASE_FRAME

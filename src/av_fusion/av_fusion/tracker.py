@@ -92,10 +92,10 @@ class MultiTargetTracker:
         """What is known of the array, by comparison with the camera."""
         return self._calibration.array
 
-    def reset(self) -> None:
+    def reset(self, learned: bool = False) -> None:
         """See `PlainTracker`."""
         self.filter.reset()
-        self._calibration.reset()
+        self._calibration.reset(learned)
         self.machine.restart()
         self.planner.cancel()
         self.looks = LookPlanner(self.settings.gimbal) if self.settings.gimbal else None

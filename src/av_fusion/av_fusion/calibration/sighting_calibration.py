@@ -53,12 +53,13 @@ class SightingCalibration:
 
     def __init__(self, enabled: bool, floor: float, motion: RigMotion) -> None:
         self._enabled, self._floor, self._motion = enabled, floor, motion
-        self.array = ArraySelfCalibration()
-        self.cameras: dict[str, CameraAlignment] = {}
-        self.reset()
+        self.reset(learned=True)
 
-    def reset(self) -> None:
-        """Discard the sightings, but keep what is known of array and cameras."""
+    def reset(self, learned: bool = False) -> None:
+        """Discard the sightings, and where `learned` what is known of array and cameras."""
+        if learned:
+            self.array = ArraySelfCalibration()
+            self.cameras: dict[str, CameraAlignment] = {}
         self._sightings: Timeline[Sighting] = Timeline(KEPT_S)  # by the first camera, where it shows one thing
         self._others: deque[tuple[float, CameraMeasurement]] = deque(maxlen=MOST_WAITING)
 

@@ -148,6 +148,7 @@ class CameraMonitor:
     Attributes:
         belief: what is published.
         seen (s): capture time of the newest image that was used.
+        is_confirmed: whether sound and this camera agree so well that no fault is believed, of either.
 
     Parameters:
         motion: attitude of the rig.
@@ -161,7 +162,7 @@ class CameraMonitor:
         self._bank: FilterBank | None = None
         self._time = self.seen = self._heard = self._several = -math.inf
         self._wrong: Fault | None = None
-        self.belief = Belief()
+        self.belief, self.is_confirmed = Belief(), False
         self._sights = False  # whether anything was seen
         self._jumps = self._motion.jumps
 
@@ -207,6 +208,7 @@ class CameraMonitor:
                     self._hear(bank, time, measurement)
         posterior = bank.posterior()
         self._decide(bank, posterior)
+        self.is_confirmed = bool(posterior[1:].max() < LEAST_BELIEVED)
         if self._sights:
             self.belief = self._believe(bank, posterior, now)
 

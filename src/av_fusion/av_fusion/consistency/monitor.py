@@ -21,6 +21,7 @@ class ConsistencyMonitor:
     Attributes:
         fault: what is known to be wrong, None without; it stays until the description fits again.
         belief: what is published.
+        left_out: cameras that are certainly not as described, while another one confirms the sound: bearings do without them.
 
     Parameters:
         motion: attitude of the rig.
@@ -34,6 +35,7 @@ class ConsistencyMonitor:
         self._heading = HeadingWatch(motion)
         self.fault: Fault | None = None
         self.belief = Belief()
+        self.left_out: frozenset[str] = frozenset()
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Take the directions of one window, those that may be a drone's."""
@@ -50,11 +52,15 @@ class ConsistencyMonitor:
 
     def advance(self, now: float) -> Fault | None:
         """Use what is known at `now` (s); returns the fault that is known."""
-        monitors = self._cameras.values()
-        found = [fault for monitor in monitors if (fault := monitor.advance(now)) is not None]
-        self.fault, certain = self._heading.check(now), [fault for fault in found if fault.is_certain]
+        found = {camera: fault for camera, monitor in self._cameras.items() if (fault := monitor.advance(now)) is not None}
+        certain = {camera: fault for camera, fault in found.items() if fault.is_certain}
+        others = [monitor for camera, monitor in self._cameras.items() if camera not in certain]
+        confirmed = any(monitor.is_confirmed for monitor in others)  # once is enough, while it has no certain fault itself
+        self.left_out = frozenset(certain) if confirmed else self.left_out & certain.keys() if others else frozenset()
+        self.fault, stops = self._heading.check(now), bool(certain.keys() - self.left_out)
         if certain or (found and self.fault is None):
-            self.fault = _together(certain or found)
+            self.fault = _together(list((certain or found).values()), stops)
+        monitors = [monitor for camera, monitor in self._cameras.items() if camera not in self.left_out]
         # A bearing rests on the cameras that see the target; while none does it is off by as much as when one did.
         seeing = [monitor.belief for monitor in monitors if now - monitor.seen <= GAP_S]
         believed = seeing or [monitor.belief for monitor in monitors]
@@ -64,7 +70,7 @@ class ConsistencyMonitor:
         return self.fault
 
 
-def _together(faults: Sequence[Fault]) -> Fault:
-    """What several cameras tell, as one fault."""
+def _together(faults: Sequence[Fault], stops: bool) -> Fault:
+    """What several cameras tell, as one fault; `stops` where nothing should move by the bearing."""
     text, mend = ('; and '.join(dict.fromkeys(words)) for words in zip(*[(one.text, one.mend) for one in faults], strict=True))
-    return Fault(text, mend, max(fault.probability for fault in faults), any(fault.is_certain for fault in faults))
+    return Fault(text, mend, max(fault.probability for fault in faults), stops)

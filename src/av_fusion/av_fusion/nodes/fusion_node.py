@@ -169,6 +169,7 @@ class FusionNode(RigNode):
         fault = monitor.fault if monitor is not None else None
         if monitor is not None:
             status.add('uncertainty by the description (deg)', f'{math.degrees(math.sqrt(monitor.belief.in_body)):.1f}')
+        status.add('cameras not used', ', '.join(sorted(self._stage.left_out)) or 'none')
         if fault is not None:
             status.mergeSummary(DiagnosticStatus.ERROR if fault.is_certain else DiagnosticStatus.WARN, str(fault))
         for problem in filter(None, (self._rotations.problem, *self._stage.converter.problems.values())):
