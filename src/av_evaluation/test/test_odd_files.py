@@ -26,7 +26,7 @@ from av_simulator.scenario import load_scenario
 from av_simulator.sound.source import load_profile
 from av_simulator.sound.source_signals import RecordedSignal
 from av_vision.nodes.camera_node import load_calibration
-from av_vision.sources import SourceError
+from av_vision.sources.capture import SourceError
 from av_vision.sources.files import Recording
 from av_vision.yolo.detector import Detector
 

@@ -15,8 +15,7 @@ import pytest
 from std_msgs.msg import Header
 
 from av_vision.messages import image_from_message, image_message
-from av_vision.sources import Capture, CapturedImage, SourceError
-from av_vision.sources.capture import DeviceSource
+from av_vision.sources.capture import Capture, CapturedImage, DeviceSource, SourceError
 from av_vision.sources.files import IMAGE_SUFFIXES, FileSource, Recording, image_files
 
 # Situations of users, which are not part of the repository.
@@ -129,6 +128,15 @@ def test_a_video_that_is_cut_off_says_so(video):
     recording = Recording(video)
     assert len(list(recording.frames())) < 15
     assert re.search(r'end at 0\.[0-9] of 0\.4 s: is it cut off', recording.problem)
+
+
+@pytest.mark.parametrize('rate', [1.0, 10.0, 25.0, 60.0])
+def test_a_video_of_one_image_is_whole(tmp_path, rate):
+    writer = cv2.VideoWriter(str(tmp_path / 'one.mp4'), cv2.VideoWriter.fourcc(*'mp4v'), rate, (64, 48))
+    writer.write(np.full((48, 64, 3), 90, np.uint8))
+    writer.release()
+    recording = Recording(tmp_path / 'one.mp4')
+    assert len(list(recording.frames())) == 1 and recording.problem == ''
 
 
 def claims(suffix):

@@ -18,7 +18,7 @@ from av_common.track import DRONE
 from av_vision.drawing import draw
 from av_vision.image import AutomaticGain
 from av_vision.models import FILES
-from av_vision.sources import SourceError
+from av_vision.sources.capture import SourceError
 from av_vision.sources.files import Recording, name_for_opencv
 from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector

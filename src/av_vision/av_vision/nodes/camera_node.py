@@ -25,8 +25,7 @@ from av_common.stamps import to_stamp
 from av_common.yaml_reader import load_yaml
 from av_vision.messages import camera_info_message, image_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
-from av_vision.sources import Capture, CapturedImage, Source
-from av_vision.sources.capture import STALE_S, DeviceSource
+from av_vision.sources.capture import STALE_S, Capture, CapturedImage, DeviceSource, Source
 from av_vision.sources.files import FileSource
 from av_vision.sources.realsense import RealSenseSource
 

@@ -161,9 +161,9 @@ class Recording:
                             f'all {alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is '
                             f'one, {CONVERT} -i IN -vf bwdif OUT.mp4') if alike >= ALIKE else ''
                         yield Frame(index, at, image)
-            length = self.count / max(video.get(cv2.CAP_PROP_FPS), 1.0)
-            if stated + 1.0 / self.rate < WHOLE * length:
-                self._problems['cut'] = f'its images end at {stated:.1f} of {length:.1f} s: is it cut off?'
+            rate = max(video.get(cv2.CAP_PROP_FPS), 1.0)
+            if stated * rate + 1.0 < WHOLE * self.count:
+                self._problems['cut'] = f'its images end at {stated:.1f} of {self.count / rate:.1f} s: is it cut off?'
         finally:
             video.release()
 
