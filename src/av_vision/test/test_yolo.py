@@ -25,6 +25,12 @@ def test_every_export_is_recognised_and_decoded(tmp_path, layout, half):
     assert found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
 
 
+def test_raw_heads_beside_the_table_are_left_out(tmp_path):
+    """As YOLOv5 exported them before 6.1."""
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', 'v5', heads=3))
+    assert len(detector.detect(np.zeros((416, 416, 3), np.uint8))) == len(yolo_models.TRUTH)
+
+
 @pytest.mark.parametrize('shape', [(512, 640), (640, 480), (100, 1000)])
 def test_boxes_come_back_at_any_shape(tmp_path, shape):
     detector = Detector(yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES))

@@ -46,16 +46,18 @@ def rows_of(layout, side, classes, truth=TRUTH):
     return table
 
 
-def write(path, layout='v8', side=416, classes=3, metadata=None, half=False, dynamic=False, output=None):
-    """Write a model that answers `output` (or what `layout` would) to every image; returns the path."""
+def write(path, layout='v8', side=416, classes=3, metadata=None, half=False, dynamic=False, output=None, heads=0):
+    """Write a model that answers `output` (or what `layout` would) to every image, and raw heads after it; returns the path."""
     kind, tensor = (np.float16, TensorProto.FLOAT16) if half else (np.float32, TensorProto.FLOAT)
     answer = rows_of(layout, side, classes)[None] if output is None else output
     shape = ['batch', 3, 'height', 'width'] if dynamic else [1, 3, side, side]
     nodes = [helper.make_node('ReduceMean', ['images'], ['mean'], keepdims=0),
              helper.make_node('Mul', ['mean', 'zero'], ['nothing']), helper.make_node('Add', ['answer', 'nothing'], ['output'])]
     values = [numpy_helper.from_array(answer.astype(kind), 'answer'), numpy_helper.from_array(np.array(0, kind), 'zero')]
+    raw = [f'head{k}' for k in range(heads)]
+    nodes += [helper.make_node('Identity', ['nothing'], [name]) for name in raw]
     graph = helper.make_graph(nodes, 'constant', [helper.make_tensor_value_info('images', tensor, shape)],
-                              [helper.make_tensor_value_info('output', tensor, None)], values)
+                              [helper.make_tensor_value_info(name, tensor, None) for name in ('output', *raw)], values)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 17)], ir_version=8)
     helper.set_model_props(model, metadata or {})
     onnx.save(model, str(path))

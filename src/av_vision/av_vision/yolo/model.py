@@ -117,12 +117,11 @@ class Model:
         return boxes, np.minimum(probabilities, 1.0)
 
     def _check_input(self) -> onnxruntime.NodeArg:
-        inputs, outputs = self.session.get_inputs(), self.session.get_outputs()
+        inputs = self.session.get_inputs()
         if self.metadata.get('task', 'detect') != 'detect':
             raise ModelError(f'{self.path} is a model for the task {self.metadata["task"]!r}, expected detect')
-        if len(inputs) != 1 or len(outputs) != 1:
-            raise ModelError(f'{self.path} has {len(inputs)} inputs and {len(outputs)} outputs, '
-                             'expected one image in and one table out, as YOLO detectors have')
+        if len(inputs) != 1:
+            raise ModelError(f'{self.path} has {len(inputs)} inputs, expected one image, as YOLO detectors have')
         one = inputs[0]
         if one.type not in FLOATS:
             raise ModelError(f'{self.path} has an input of {one.type}, expected float or float16 images')
