@@ -37,6 +37,11 @@ def test_a_level_camera_shows_a_meridian_as_a_vertical_line():
     assert line[:, 1].min() < 0.0 and line[:, 1].max() > 1.0  # from below the picture to above it
 
 
+def test_the_line_of_a_portrait_camera_goes_from_below_the_picture_to_above_it():
+    line = np.array(view(PinholeCamera.from_fov(480, 640, math.radians(50.0))).meridian(math.radians(20.0)))
+    assert line[:, 1].min() < 0.0 and line[:, 1].max() > 1.0
+
+
 def test_the_band_has_the_width_of_two_sigma_and_is_clipped():
     band = np.array(view().band(0.0, math.radians(5.0)))
     half = 0.5 * math.tan(math.radians(5.0)) / math.tan(math.radians(35.0))
