@@ -20,7 +20,7 @@ from av_px4.frames import pose_from_px4
 from av_sim_bridge.messages import vehicle_state
 from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal, encode_gimbal
 from av_simulator.config_files import find_config
-from av_vision.camera_pose import AttitudeHistory
+from av_vision.stage import DetectionStage
 
 START = 1000.0
 
@@ -42,7 +42,7 @@ DECIDED = {
     'GimbalStage': lambda q: GimbalStage(load_rig(find_config('rig_gimbal'))).on_odometry(odometry(q), START) or True,
     'sample_of': lambda q: sample_of(gimbal_state(q)), 'vehicle_state': lambda q: vehicle_state(odometry(q)),
     'decode_gimbal': lambda q: decode_gimbal(encode_gimbal(GimbalSample(0, 1.0, np.array(q), 0.1))),
-    'AttitudeHistory': lambda q: AttitudeHistory().add(START, q) or True,
+    'DetectionStage': lambda q: DetectionStage(None).on_odometry(odometry(q)) or True,
     'pose_from_px4': lambda q: pose_from_px4(np.zeros(3), q, np.zeros(3), np.zeros(3))}
 
 

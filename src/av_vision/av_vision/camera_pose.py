@@ -7,16 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from transforms3d.quaternions import quat2mat
 
 from av_common.camera import PinholeCamera
-from av_common.frames import checked_orientation
-from av_common.quaternions import Quaternion, between
-from av_common.timeline import Timeline
 
-KEEP_S = 4.0     # how long attitudes are kept
-STEEP = 0.5      # cosine of the elevation beyond which a camera looks up or down
-LATEST_S = 0.2   # how far an image may be from the newest attitude, and from a depth image of the same scene
+STEEP = 0.5  # cosine of the elevation beyond which a camera looks up or down
 
 
 @dataclass(frozen=True)
@@ -60,33 +54,6 @@ def _rotation(before: CameraPose, now: CameraPose) -> NDArray[np.float64]:
     if before.to_world is None or now.to_world is None:
         return now.to_body.T @ before.to_body
     return now.to_world.T @ before.to_world
-
-
-class AttitudeHistory:
-    """The rig's attitude over the last seconds."""
-
-    def __init__(self) -> None:
-        self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)
-
-    def add(self, time: float, attitude_wxyz: Quaternion) -> None:
-        """Add an attitude; one that is older than the newest begins the history anew.
-
-        Parameters:
-            time (s): its capture time.
-            attitude_wxyz: unit quaternion (w, x, y, z) of the rotation from the body to the world.
-
-        Raises ValueError for a quaternion whose norm is not 1.
-        """
-        attitude = checked_orientation(attitude_wxyz, 'attitude')
-        if time < self._attitudes.newest:
-            self._attitudes.clear()
-        self._attitudes.add(time, attitude)
-
-    def at(self, time: float) -> NDArray[np.float64] | None:
-        """Rotation (3, 3) from the body to the world at a time (s), interpolated; None where it is not known."""
-        if not self._attitudes.oldest - LATEST_S <= time <= self._attitudes.newest + LATEST_S:
-            return None
-        return quat2mat(between(*self._attitudes.around(time)))
 
 
 def pixel_of(vector: ArrayLike, rotation: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64] | None:

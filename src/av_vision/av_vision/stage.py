@@ -11,16 +11,19 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
 from av_common.angles import angles_to_direction
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL, attitude_of
+from av_common.frames import FLU_TO_OPTICAL, attitude_of, checked_orientation
+from av_common.quaternions import Quaternion, between
 from av_common.stamps import to_seconds
+from av_common.timeline import Timeline
 from av_common.track import DRONE
 from av_interfaces.msg import Bearing, Visibility
 from av_vision import visibility as visibilities
-from av_vision.camera_pose import LATEST_S, AttitudeHistory, CameraPose, angle_between, pixel_of
+from av_vision.camera_pose import CameraPose, angle_between, pixel_of
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message
@@ -38,6 +41,9 @@ PERIOD_S = 0.5  # between estimates: what is published of them changes slowly
 # places) and 92 % (known ones). More images of the same drone do not help.
 FOUND = 0.9
 TURNED = math.radians(3.0)  # of a camera, after which no image is as before; attitudes have smaller errors
+LATEST_S = 0.2    # how far an image may be from the newest attitude, and from a depth image of the same scene
+KEEP_S = 4.0      # how long attitudes are kept
+OVERTAKEN_S = 1.0  # age against the newest, up to which an image or an attitude is a late one; an older one begins anew
 FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
 
 
@@ -121,10 +127,11 @@ class DetectionStage:
         self.unchanged = 0.0
         # When the newest image was new, the image, and where the camera looked then.
         self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
+        self._newest = -math.inf  # capture time of the newest image
         self._gain = AutomaticGain(kind != 'visible')
         self._visibility = visibility
         self.mount(lambda frame, time: None)
-        self._attitudes = AttitudeHistory()
+        self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)  # from the body to the world
         self._bearing = (-math.inf, Bearing())  # when it was measured
 
     def on_image(self, message: Image | CompressedImage, arrival: float) -> tuple[Detection2DArray | None, Visibility | None]:
@@ -132,7 +139,8 @@ class DetectionStage:
 
         An image in which nothing was detected gives an empty message only where all of the view has been searched within the
         last seconds, and every reported track was looked for in this image: then the absence of detections says something.
-        Otherwise it gives None. So does an image that has been the same for more than FROZEN_S.
+        Otherwise it gives None. So does an image that has been the same for more than FROZEN_S, and one that a newer one has
+        overtaken: to go back in time would end all tracks.
 
         Parameters:
             message: raw or compressed image; its stamp is the time of capture.
@@ -142,6 +150,9 @@ class DetectionStage:
         although the camera has turned: nothing that it shows, or does not show, is so now.
         """
         time, header = to_seconds(message.header.stamp), header_of(message)
+        if 0.0 < self._newest - time < OVERTAKEN_S:
+            return None, None
+        self._newest = time
         counts = image_from_message(message, self._most_pixels)
         camera = self._camera_of(counts.shape[1], counts.shape[0])
         pose = self._pose(header.frame_id, time, camera)
@@ -162,7 +173,12 @@ class DetectionStage:
 
     def on_odometry(self, message: Odometry) -> None:
         """Use the rig's attitude, so that its rotation breaks no track. Raises ValueError for an impossible one."""
-        self._attitudes.add(to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation))
+        time = to_seconds(message.header.stamp)
+        attitude = checked_orientation(attitude_of(message.pose.pose.orientation), 'attitude')
+        if time < self._attitudes.newest - OVERTAKEN_S:
+            self._attitudes.clear()
+        if time >= self._attitudes.newest:
+            self._attitudes.add(time, attitude)
 
     def mount(self, rotation_of: RotationOf, camera: PinholeCamera | None = None) -> None:
         """How the camera is mounted, and which it is where no CameraInfo tells; images may be of another size then.
@@ -212,8 +228,9 @@ class DetectionStage:
             to_body = self._rotation_of(frame, time)
         if camera is None or to_body is None:
             return None
-        attitude = self._attitudes.at(time)
-        return CameraPose(camera, to_body, None if attitude is None else attitude @ to_body)
+        if not self._attitudes.oldest - LATEST_S <= time <= self._attitudes.newest + LATEST_S:
+            return CameraPose(camera, to_body)
+        return CameraPose(camera, to_body, quat2mat(between(*self._attitudes.around(time))) @ to_body)
 
     def _bearing_cue(self, pose: CameraPose | None, time: float) -> BearingCue | None:
         """Where the bearing is in the image, None where it is outside or old; that in the world does not turn with the rig."""
@@ -242,6 +259,7 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
+        self._newest = -math.inf
         if self._visibility is not None:
             self._visibility.reset()
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from transforms3d.quaternions import mat2quat
 
 from av_common.angles import angles_to_direction
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
-from av_vision.camera_pose import AttitudeHistory, CameraPose, pixel_of, turned
+from av_vision.camera_pose import CameraPose, pixel_of, turned
 
 CAMERA = PinholeCamera(640, 480, 457.0, 457.0, 319.5, 239.5, (-0.08, 0.02, 0.0005, -0.0003, 0.0))
 MOUNT = rotation_from_rpy(0.0, -0.2, 0.1) @ FLU_TO_OPTICAL.T
@@ -33,20 +32,6 @@ def test_without_attitude_only_the_mount_turns():
     world = [pose(0.0, 0.0, 0.0), pose(0.0, 0.0, 0.1)]
     pixels = np.array([[300.0, 200.0]])
     assert turned(pixels, *gimbal) == pytest.approx(turned(pixels, *world), abs=1e-6)
-
-
-def test_attitudes_are_interpolated_and_not_extrapolated_for_long():
-    history = AttitudeHistory()
-    for k in range(11):
-        history.add(0.1 * k, tuple(mat2quat(rotation_from_rpy(0.0, 0.0, 0.02 * k))))
-    assert history.at(0.55) == pytest.approx(rotation_from_rpy(0.0, 0.0, 0.11), abs=1e-6)
-    assert history.at(1.1) == pytest.approx(rotation_from_rpy(0.0, 0.0, 0.2), abs=1e-6)
-    assert history.at(1.5) is None
-    assert history.at(-1.0) is None
-    with pytest.raises(ValueError, match='norm'):
-        history.add(2.0, (2.0, 0.0, 0.0, 0.0))
-    history.add(0.3, (1.0, 0.0, 0.0, 0.0))  # a loop begins anew
-    assert history.at(0.35) == pytest.approx(np.eye(3))
 
 
 def test_directions_are_in_the_image_where_the_camera_sees_them():

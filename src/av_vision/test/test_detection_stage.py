@@ -278,3 +278,45 @@ def test_the_network_sees_images_of_a_camera_that_is_mounted_rolled_upright(monk
         centre = box.center.position.x, box.center.position.y
         assert centre == (0.5 * (xs.min() + xs.max() + 1), 0.5 * (ys.min() + ys.max() + 1))
         assert (box.size_x, box.size_y) == (np.ptp(xs) + 1, np.ptp(ys) + 1)
+
+
+def test_an_image_that_was_overtaken_ends_no_track(model):
+    """Images of a network may be exchanged; a loop of a file is another sequence."""
+    stage = make(model)
+    found = [stage.on_image(image_at(time), 0.0) for time in (5.0, 5.1, 5.3, 5.2, 5.4, 2.0)]
+    assert found[3] == (None, None)
+    assert [message.detections[0].id for message, _ in found if message is not None] == ['1', '1', '1', '1', '2']
+
+
+def test_attitudes_are_interpolated_and_not_extrapolated_for_long(model, monkeypatch):
+    """An attitude that was overtaken is left out; those of a loop begin anew."""
+    stage, poses = make(model), []
+    stage.mount(lambda frame, time: np.eye(3), CAMERA)
+
+    def detect(image, time, pose, bearing):
+        poses.append(pose)
+        return Detections(), []
+
+    monkeypatch.setattr(stage.detector, 'detect', detect)
+
+    def attitude(time, yaw, norm=1.0):
+        odometry = Odometry(header=header(time))
+        odometry.pose.pose.orientation = Quaternion(w=norm * math.cos(0.5 * yaw), z=norm * math.sin(0.5 * yaw))
+        stage.on_odometry(odometry)
+
+    def yaw_at(time):
+        stage.on_image(image_at(time, np.full((416, 416, 3), 10.0 * time, np.uint8)), 0.0)
+        turned = poses[-1].to_world
+        return None if turned is None else math.atan2(turned[1, 0], turned[0, 0])
+
+    for k in range(11):
+        attitude(5.0 + 0.1 * k, 0.02 * k)
+    attitude(5.85, 1.0)
+    assert yaw_at(1.0) is None
+    assert yaw_at(5.55) == pytest.approx(0.11, abs=1e-6)
+    assert yaw_at(6.1) == pytest.approx(0.2, abs=1e-6)
+    assert yaw_at(6.5) is None
+    with pytest.raises(ValueError, match='norm'):
+        attitude(7.0, 0.0, 2.0)
+    attitude(2.0, 0.0)
+    assert yaw_at(2.05) == pytest.approx(0.0)
