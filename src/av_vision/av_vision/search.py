@@ -10,7 +10,6 @@ gives the same regions again.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -64,7 +63,6 @@ class RegionPlanner:
     Attributes:
         regions: number of regions in an image; from FULL on the whole image is searched instead.
         planned: number of regions of the last image, 0 for all of it.
-        counts: how often each kind was selected.
         share: of the image that is searched for small objects, mean over the last images.
 
     Parameters:
@@ -78,7 +76,6 @@ class RegionPlanner:
         self.regions = regions
         self._look_time, self._each = look_time, 0.0  # s, of an image and of a region
         self.planned = 0
-        self.counts: Counter[str] = Counter()
         self.share = 1.0
         self._longest, self._near = longest, near
         self.reset()
@@ -103,7 +100,6 @@ class RegionPlanner:
         """
         if shape != self._shape or time < max(self._last.values(), default=-math.inf) or self.regions >= FULL:
             self._begin(shape, time)
-            self.counts['full'] += 1
             self.planned = 0
             self._note_share(1.0)
             return []
@@ -124,7 +120,6 @@ class RegionPlanner:
                 self._looked[self._tiles.index((region.x, region.y))] = time
         self.planned = len(regions)
         self._note_share(sum(region.width * region.height for region in regions if not region.least) / (shape[0] * shape[1]))
-        self.counts.update(region.kind for region in regions)
         return regions
 
     def took(self, duration: float) -> None:

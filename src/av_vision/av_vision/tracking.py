@@ -128,6 +128,9 @@ class Tracker:
 
     A box that is more likely something else continues no track, which was missed then.
 
+    Attributes:
+        tracks: those that may go on.
+
     Parameters:
         model: statistics of the scores of a track.
     """
@@ -135,13 +138,8 @@ class Tracker:
     def __init__(self, model: ScoreFusionModel = SINGLE_IMAGE) -> None:
         self._model = model
         self._begin = BEGIN if model.memory_s > 0.0 else 0.0
-        self._tracks: list[ImageTrack] = []
+        self.tracks: list[ImageTrack] = []
         self._next = 1
-
-    @property
-    def tracks(self) -> tuple[ImageTrack, ...]:
-        """The tracks."""
-        return tuple(self._tracks)
 
     def turn(self, moved: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
         """Move the tracks as a rotation of the camera moves the image.
@@ -149,12 +147,12 @@ class Tracker:
         Parameters:
             moved: where pixels (n, 2) of the last image are in the next one; nan for those outside.
         """
-        if self._tracks:
-            centres = moved(np.array([track.centre for track in self._tracks]))
-            for track, centre in zip(self._tracks, centres, strict=True):
+        if self.tracks:
+            centres = moved(np.array([track.centre for track in self.tracks]))
+            for track, centre in zip(self.tracks, centres, strict=True):
                 track.centre = centre
                 track.path.turn(moved)
-            self._tracks = [track for track in self._tracks if np.isfinite(track.centre).all()]
+            self.tracks = [track for track in self.tracks if np.isfinite(track.centre).all()]
 
     def update(self, candidates: Candidates, time: float,
                searched: Callable[[ImageTrack], bool] = lambda _: True) -> list[ImageTrack | None]:
@@ -165,15 +163,15 @@ class Tracker:
             time (s): time of capture; a time before the last one (a looped file) discards all tracks.
             searched: whether a track would have been found in this image, so that its absence tells something.
         """
-        if any(time < track.time for track in self._tracks):
+        if any(time < track.time for track in self.tracks):
             self.reset()
-        self._tracks = [track for track in self._tracks if time - track.time <= MAX_GAP_S]
+        self.tracks = [track for track in self.tracks if time - track.time <= MAX_GAP_S]
         found: list[ImageTrack | None] = [None] * len(candidates)
         odds = self._assign(candidates, time)
         for row, column in odds:
-            found[column] = self._tracks[row]
-            self._tracks[row].continued = 1.0 / (1.0 + math.exp(-odds[row, column]))
-        for track in self._tracks:
+            found[column] = self.tracks[row]
+            self.tracks[row].continued = 1.0 / (1.0 + math.exp(-odds[row, column]))
+        for track in self.tracks:
             if not any(track is one for one in found) and searched(track):
                 track.missed += 1
         for k, assigned in enumerate(found):
@@ -185,7 +183,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Discard all tracks; numbers continue."""
-        self._tracks = []
+        self.tracks = []
 
     def number(self, track: ImageTrack) -> int:
         """The number of a track, from 1, never used twice."""
@@ -195,9 +193,9 @@ class Tracker:
 
     def _assign(self, candidates: Candidates, time: float) -> dict[tuple[int, int], float]:
         """Log-odds of the pairs of a track and a candidate that belong together."""
-        if not self._tracks or not len(candidates):
+        if not self.tracks or not len(candidates):
             return {}
-        odds = log_odds(self._tracks, candidates, time, self._model.prior)
+        odds = log_odds(self.tracks, candidates, time, self._model.prior)
         rows, columns = linear_sum_assignment(np.where(odds > 0.0, -odds, IMPOSSIBLE))
         return {(row, column): float(odds[row, column])
                 for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if odds[row, column] > 0.0}
@@ -215,5 +213,5 @@ class Tracker:
         scores = ScoreFusion(self._model, candidates.probabilities.shape[1])
         scores.add(candidates.probabilities[k], time)
         track = ImageTrack(candidates.centres[k].astype(float), candidates.sizes[k].astype(float), np.zeros(2), time, scores)
-        self._tracks.append(track)
+        self.tracks.append(track)
         return track

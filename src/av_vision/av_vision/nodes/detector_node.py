@@ -129,7 +129,6 @@ class DetectorNode(RigNode):
         planner = self._stage.detector.planner
         if planner is not None:
             status.add('regions per image', str(planner.regions))
-            status.add('searched', ', '.join(f'{kind} {count}' for kind, count in sorted(planner.counts.items())))
         status.add('dropped (replaced by a newer image)', str(self._dropped))
         if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
