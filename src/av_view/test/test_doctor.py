@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 import re
 import sys
 from pathlib import Path
@@ -246,6 +247,26 @@ def test_a_machine_without_the_device_is_told_so(tmp_path):
     parameters.write_text('/**/audio_node: {ros__parameters: {device: no such device}}')
     (finding,) = program.microphones(RIG, [parameters], 0.1, None)
     assert finding.level == 'error' and finding.remedy
+
+
+TWO_USB = """
+class PortAudioError(Exception): pass
+def query_devices(device=None):
+    names = ['USB PnP Sound Device: Audio (hw:1,0)', 'USB PnP Sound Device: Audio (hw:2,0)']
+    devices = [{'index': index, 'name': name, 'max_input_channels': 1} for index, name in enumerate(names)]
+    return devices if device is None else devices[device]
+"""
+
+
+@pytest.mark.parametrize('device', ['USB', '0', 'hw:1,0'])
+def test_two_usb_microphones_are_no_array_and_that_is_said(device, tmp_path, monkeypatch):
+    """Each is a device of one channel, with a clock of its own."""
+    (tmp_path / 'sounddevice.py').write_text(TWO_USB)
+    monkeypatch.setenv('PYTHONPATH', f'{tmp_path}{os.pathsep}{os.environ["PYTHONPATH"]}')
+    parameters = tmp_path / 'params.yaml'
+    parameters.write_text(f"/**/audio_node: {{ros__parameters: {{device: '{device}', channels: [0, 1]}}}}")
+    (finding,) = program.microphones(RIG, [parameters], 0.1, None)
+    assert finding.level == 'error' and 'channels of one device' in finding.remedy
 
 
 def run(capsys, monkeypatch, finding, *words):

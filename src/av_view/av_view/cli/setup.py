@@ -79,7 +79,7 @@ def interview() -> tuple[MicrophoneArray, dict[str, Any], dict[str, Any]]:
     for finding in devices():
         print(finding.lines())
     array = ask(f'Microphones: {", ".join(ARRAYS)}, or the spacing of a pair (m)', '0.2', array_of)
-    sound = {'source': 'device', 'device': ask('Microphones: index or part of the name', '', str),
+    sound = {'source': 'device', 'device': ask('Microphones: index or part of the name of their one device', '', str),
              'sample_rate': ask('Microphones: sample rate (Hz)', '48000', within(8000, 384_000, whole=True)),
              'channels': ask('Microphones: channels in the order of the array (of a pair: left, right)',
                              ' '.join(map(str, range(array.channels))), whole_numbers(array.channels))}

@@ -102,7 +102,8 @@ def microphones(rig: Rig, parameter_files: Sequence[str | Path], seconds: float,
     try:
         source.start(buffer)
     except ValueError as error:
-        return [Finding('microphones', 'error', str(error), 'set device, sample_rate and channels of audio_node')]
+        return [Finding('microphones', 'error', str(error), 'set device, sample_rate and channels of audio_node; all '
+                        'microphones are channels of one device: two USB microphones have two clocks')]
     if clap is not None:
         print(f'clap once from {math.degrees(clap):.0f} degrees, now', file=sys.stderr, flush=True)
     try:
