@@ -40,6 +40,12 @@ def one_process(monkeypatch):
     monkeypatch.setattr(program, 'ProcessPoolExecutor', lambda *_: Pool())
 
 
+def test_a_wrong_rig_is_named_before_anything_is_computed(tmp_path, capsys):
+    assert main(['circle', '--oracle', '--rig', 'nowhere', '--out', str(tmp_path / 'out')]) == 2
+    words = capsys.readouterr().err.splitlines()
+    assert len(words) == 1 and words[0].startswith('evaluate: nowhere: no such file')
+
+
 def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypatch, capsys):
     """A bag by rosbags alone, a shipped scenario, and two files of one name that are no bags: these are named."""
     one_process(monkeypatch)
@@ -96,6 +102,9 @@ def test_inputs_are_found_in_folders_and_faults_are_named(tmp_path):
         find_inputs([str(tmp_path / 'empty')])
     with pytest.raises(FileNotFoundError, match='no such bag'):
         find_inputs(['gone.mcap'])
+    (tmp_path / 'flight.wav').write_bytes(bytes(2_000_000))
+    with pytest.raises(ValueError, match='flight.wav: neither a bag'):
+        find_inputs([str(tmp_path / 'flight.wav')])
     with pytest.raises(ValueError, match='nowhere: no such file'):
         find_inputs(['nowhere'])
 

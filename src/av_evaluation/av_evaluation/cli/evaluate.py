@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from av_common.arguments import not_negative, number
+from av_common.rig import load_rig
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
 from av_evaluation.metrics.results import RunResult, figures_together, methods_of, metrics_of, write_json
 from av_evaluation.metrics.tracks import TrackFigures
@@ -17,6 +18,7 @@ from av_evaluation.report.page import Page
 from av_evaluation.report.text import format_rows, label, rows_of
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
+from av_simulator.config_files import find_config
 from av_vision.methods import is_model_file
 
 
@@ -47,6 +49,8 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
         raise ValueError('--oracle and --model exclude each other')
     if options.model:
         is_model_file(options.model)
+    if options.rig:
+        load_rig(find_config(options.rig))
     seeing = '' if options.oracle else options.model or 'shipped'
     return [case for name in inputs for case in (
         [Case(name, **common, model=options.model, stage=options.stage, parameters=tuple(options.params), remap=remap,

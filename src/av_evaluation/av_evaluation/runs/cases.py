@@ -87,8 +87,8 @@ def is_bag(path: Path) -> bool:
 def find_inputs(inputs: list[str]) -> list[str]:
     """Scenarios and bags that the inputs name, each once, with those in folders and their subfolders.
 
-    Raises FileNotFoundError for a bag that does not exist, ValueError for a folder without inputs, ConfigError (a ValueError)
-    for an unknown scenario.
+    Raises FileNotFoundError for a bag that does not exist, ValueError for a file of another kind and a folder without inputs,
+    ConfigError (a ValueError) for an unknown scenario.
     """
     found: list[str] = []
     for name in inputs:
@@ -101,8 +101,8 @@ def find_inputs(inputs: list[str]) -> list[str]:
         elif path.suffix in BAG_ENDINGS and not path.exists():
             raise FileNotFoundError(f'{name}: no such bag')
         else:
-            if not is_bag(path):
-                find_config(name, 'scenarios')
+            if not is_bag(path) and find_config(name, 'scenarios').suffix not in ('.yaml', '.yml'):
+                raise ValueError(f'{name}: neither a bag (.mcap, .db3, rosbag2 folder) nor a scenario (.yaml)')
             found.append(name)
     return list(dict.fromkeys(found))
 
