@@ -40,14 +40,10 @@ def colour(method: str) -> str:
     return COLOURS.get(method, f'C{sum(map(ord, method)) % 10}')
 
 
-def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
+def bearing_chart(run: RunResult) -> Figure:
     """Azimuth in the body frame and error against time with 2 sigma of the track, over shades of the track's state.
 
-    The axis of errors spans 98 % of them.
-
-    Parameters:
-        run: with truth and states.
-        methods: to plot; those that the run lacks are left out.
+    Of sound, sight and fused those that the run has are drawn; the axis of errors spans 98 % of them.
     """
     figure = Figure(figsize=(11, 5.6), layout='constrained')
     bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [5, 2]})
@@ -59,8 +55,8 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
     if run.truth:
         bearing.plot(run.truth['time'] - start, np.degrees(broken(run.truth['azimuth'])), '--', color='black', linewidth=1.1,
                      label='truth', zorder=3)
-    for method in (method for method in methods if method in run.methods):
-        result, line = run.methods[method], method not in ('sound', 'sight')
+    for method in (method for method in ('sound', 'sight', 'fused') if method in run.methods):
+        result, line = run.methods[method], method == 'fused'
         style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
         values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
         bearing.plot(result.time - start, values, color=colour(method), label=label(method), **style)
