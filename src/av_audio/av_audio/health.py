@@ -213,20 +213,16 @@ class ChannelHealth:
             signs: of neighbours' products, 0 where the delay is impossible.
             late (s): impossible delays of the first neighbour against the second, else 0.
         """
-        if self._channels == 2:
-            if late[0]:
-                return {('late', (0, 1)): f'channel {int(late[0] < 0.0)} is late by {1e3 * abs(late[0]):.1f} ms'}
-            return {('inverted', (0, 1)): 'channel 0 or 1 is inverted'} if signs[0] < 0 else {}
-        adjacent = any(before and after for before, after in zip([late[-1], *late], late, strict=False))
-        if (count := np.count_nonzero(late)) > 2 or (count == 2 and not adjacent):
+        later = [j if delay < 0.0 else i for (i, j), delay in zip(self._pairs, late, strict=True) if delay]
+        if len(later) > 2 or len(set(later)) > 1:
             longest = 1e3 * np.max(np.abs(late))
             return {('apart', tuple(range(self._channels))):
                     f'delays of up to {longest:.1f} ms between neighbours are longer than their distances permit'}
         found: Found = {}
-        for k in range(self._channels):
-            before, after = late[k - 1], late[k]
-            if before and after and sum(map(bool, late)) == 2:
-                found['late', (k,)] = f'channel {k} is late by {1e3 * abs(after - before) / 2.0:.1f} ms'
+        if later:  # than one neighbour or both: by other directions their delay is permitted
+            found['late', (later[0],)] = f'channel {later[0]} is late by {1e3 * np.sum(np.abs(late)) / len(later):.1f} ms'
+        elif self._channels == 2 and signs[0] < 0:
+            found['inverted', (0, 1)] = 'channel 0 or 1 is inverted'
         polarity = np.cumprod([1, *signs])
         if polarity[-1] == 1 and (polarity < 0).any():
             wrong = -1 if np.sum(polarity[:-1] < 0) <= self._channels // 2 else 1

@@ -149,3 +149,11 @@ def test_own_rotors_are_no_exchanged_channels(seed):
     turns, rng = np.arange(6) * np.pi / 3.0, np.random.default_rng(seed)
     array = MicrophoneArray(0.0463 * np.stack([np.cos(turns), np.sin(turns), np.zeros(6)], axis=1))
     assert hear(0.05 * FlyingRig(array, rng).alone(rng, 6.0)[0], array) == set()
+
+
+@pytest.mark.parametrize('number', [1, 3])
+def test_a_late_channel_is_named_where_only_one_neighbour_tells(number):
+    """The corners of a square aside from the source: towards the other neighbour, the delay is that of another direction."""
+    sound = drone(SQUARE)
+    told = hear(with_channel(sound, number, late(sound[:, number], 0.35e-3)), SQUARE)
+    assert told and all(text.startswith(f'channel {number} is late by 0.5 ms') for text in told)
