@@ -29,9 +29,6 @@ SHARED_REFLECTIONS = 0.1
 # How fast belief changes from one estimate to the other with the ratio of their expected errors. With 1 and 2 errors are the
 # same, and 98 to 100 % instead of 89 to 94 % in the free field are within 1.64 sigma (270 windows).
 SHARPNESS = 4.0
-# Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor. Without it 32 instead of
-# 53 % of windows in rooms have a confidence of 0.9, with as few wrong ones (`ros2 run av_evaluation hearing robust`).
-FEWER_CLUSTERS = 1.15
 
 
 def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window: int, band_hz: tuple[float, float],
@@ -95,7 +92,7 @@ class Adaptive:
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
-        significance = min(FEWER_CLUSTERS * even.significance, likely.significance)
+        significance = min(even.significance, likely.significance)
         return replace(chosen, significance=significance, main_share=even.main_share, reflected=even.reflected)
 
 

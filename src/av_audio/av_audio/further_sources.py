@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from av_audio.even_phases import GROUP_HZ, is_no_reflection
 from av_audio.spectra import ALIKE_HZ, phases_of
-from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, spread_of
+from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse
 from av_common.microphone_array import MicrophoneArray
 
 MOST_SOURCES = 4
@@ -153,7 +153,7 @@ class FurtherSources(SteeredResponse):
         significance = self._significance * peak.significance
         if self._array.channels == 2 and significance > 0.0:
             wide = np.add.reduceat(self._steer(weighted, q).sum(axis=0), self._wide)
-            significance = min(significance, WIDE_SIGNIFICANCE * peak.height / spread_of(wide))
+            significance = min(significance, WIDE_SIGNIFICANCE * self._significance_of(wide))
         return replace(peak, significance=significance, covariance=peak.covariance / self._significance**2)
 
     def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:

@@ -40,7 +40,7 @@ class Peak:
         q (rank,): projection of the direction on the array's basis.
         covariance (rank, rank): covariance of q.
         bias (rank, rank): mean square of the additional shift of q by early reflections.
-        significance: height over the standard deviation that independent channels would give.
+        significance: height in standard deviations, or the normal quantile of its probability, if channels are independent.
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
         reflected: power of what is reflected, over that of what arrives directly; 0 where unknown.
@@ -137,12 +137,11 @@ class SteeredResponse:
         _, hessian = self._derivatives(steered)
         clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
         height = float(clusters.real.sum())
-        spread = spread_of(clusters)
-        if spread == 0.0 or height <= 0.0 or not is_positive(hessian):
+        significance = self._significance_of(clusters)
+        if significance <= 0.0 or not is_positive(hessian):
             return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
-        significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
         trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
@@ -159,6 +158,11 @@ class SteeredResponse:
             inverse (rank, rank): inverse of the negative Hessian.
         """
         return np.zeros_like(inverse)
+
+    def _significance_of(self, clusters: NDArray) -> float:
+        """Height of a peak over the standard deviation that independent channels would give; `clusters` (c,) as steered."""
+        spread = math.sqrt(0.5 * float(np.sum(np.abs(clusters) ** 2)))
+        return float(clusters.real.sum()) / spread if spread > 0.0 else 0.0
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, log_likelihood: NDArray) -> float:
         """Posterior probability of the peak's lobe."""
@@ -207,11 +211,6 @@ def with_other_lobes(q: NDArray, covariance: NDArray, grid: NDArray, weights: ND
         return covariance, 1.0
     spread = (main * covariance + (near[:, None] * apart).T @ apart) / beside
     return spread, beside / (main + float(weights.sum()))
-
-
-def spread_of(clusters: NDArray) -> float:
-    """Standard deviation of the height of a peak that independent channels would give; `clusters` (c,) as steered."""
-    return float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
 
 
 def direction_grid(rank: int, points_per_unit: float) -> NDArray:
