@@ -119,7 +119,7 @@ def at_centre(peak: Peak, drift: Drift | None) -> Peak:
     """A peak of the whole window, moved by the drift to where the source is at its centre."""
     if drift is None:
         return peak
-    return replace(peak, q=peak.q - drift.shift, covariance=drift.steadier * peak.covariance + drift.covariance)
+    return replace(peak, q=peak.q - drift.shift, covariance=peak.covariance + drift.covariance)
 
 
 def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:

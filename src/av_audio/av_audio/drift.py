@@ -36,13 +36,11 @@ class Drift:
     Parameters:
         shift (rank,): expected q of the whole window less that at its centre.
         covariance (rank, rank): its covariance.
-        steadier: variance of q if the motion is taken into account over that if it is not, at most 1.
         moves: probability that anything moves.
     """
 
     shift: NDArray
     covariance: NDArray
-    steadier: float
     moves: float
 
 
@@ -73,12 +71,6 @@ class Fit:
         """Correlation per unit of log-likelihood: the scatter of the scores over that of a likelihood."""
         rank = self.motion.shape[1]
         return float(np.sum(self.scores[:rank] ** 2) / np.trace(self.hessian[:rank, :rank]))
-
-    @property
-    def variance(self) -> float:
-        """Sandwich variance of q, given the motion."""
-        rank = self.motion.shape[1]
-        return float(np.sum(np.linalg.solve(self.hessian[:rank, :rank], self.scores[:rank]) ** 2))
 
 
 class DriftEstimator:
@@ -192,8 +184,7 @@ class DriftEstimator:
         moves = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -50.0, 50.0)))
         shift = -fit.motion[0]
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
-        steadier = 1.0 - moves * max(0.0, 1.0 - fit.variance / rest.variance)
-        return Drift(moves * shift, moves * spread, steadier, moves)
+        return Drift(moves * shift, moves * spread, moves)
 
 
 def square_speed(q: NDArray, rate: NDArray) -> float:
