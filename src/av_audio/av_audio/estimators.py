@@ -32,7 +32,7 @@ SHARPNESS = 4.0
 
 
 def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window: int, band_hz: tuple[float, float],
-                   speed_of_sound: float, wideband: bool, recording: NoiseRecording | None
+                   speed_of_sound: float, recording: NoiseRecording | None
                    ) -> tuple[SpectrumAnalyzer, Callable[[NDArray, int], list[Peak]]]:
     """What computes the spectra (m, k) of a window, and what finds the peaks of so many sources in them, the strongest first.
 
@@ -43,14 +43,13 @@ def make_estimator(method: str, array: MicrophoneArray, sample_rate: int, window
         window: number of samples of a window.
         band_hz (Hz): lower and upper edge of the band-pass filter.
         speed_of_sound (m/s): speed of sound.
-        wideband: whether `ml` also uses phases above the band. Whitened, only a line of microphones needs them: the grid of
-            others would be eight times as large.
-        recording: of the rig alone, by which spectra are whitened; None whitens nothing.
+        recording: of the rig alone, by which spectra are whitened; None whitens nothing. `ml` uses phases above the band, too,
+            but whitened those of a line of microphones only: the grid of others would be eight times as large.
 
     Raises ValueError when the band or the recording do not fit.
     """
     highest = 0.0
-    if method == 'ml' and wideband and (recording is None or array.rank == 1):
+    if method == 'ml' and (recording is None or array.rank == 1):
         highest = min(HIGHEST_HZ, CONVERTED_SHARE * sample_rate / 2.0, WIDEBAND_WAVELENGTHS * speed_of_sound / array.aperture)
     analyzer = SpectrumAnalyzer(sample_rate, window, band_hz, highest_hz=highest)
     frequencies, response = analyzer.frequencies, analyzer.response

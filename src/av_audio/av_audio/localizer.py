@@ -38,7 +38,6 @@ class LocalizerSettings:
         method: name of the estimator, one of METHODS or of another package (see `methods.py`).
         temperature_c (degrees Celsius): temperature of the air, for the speed of sound.
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
-        wideband: whether `ml` also uses phases above the band, as high as spacing and sample rate allow.
         max_sources: largest number of sources in one window, 1 to MOST_SOURCES.
 
     Raises ValueError when one is out of bounds.
@@ -50,7 +49,6 @@ class LocalizerSettings:
     method: str = 'ml'
     temperature_c: float = 20.0
     elevation_deg: tuple[float, float] = (0.0, 90.0)
-    wideband: bool = True
     max_sources: int = 2
 
     def __post_init__(self) -> None:
@@ -151,7 +149,7 @@ class Localizer:
             ego_noise = None  # it takes samples as they are
         self._analyzer, self._find = make_estimator(
             settings.method if self._foreign is None else 'plain', array, sample_rate, self._window, settings.band_hz,
-            speed_of_sound(settings.temperature_c), settings.wideband, ego_noise)
+            speed_of_sound(settings.temperature_c), ego_noise)
         self._near: NearField | None = None  # what a recording whitens needs none
         if ego_noise is None:
             self._near = NearField(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c))

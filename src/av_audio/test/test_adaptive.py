@@ -67,13 +67,13 @@ def test_reflections_shift_it_less_than_the_likelihood_and_sigma_says_so(seconds
     assert np.mean(error[passed] < 1.64 * sigma[passed]) > 0.8
 
 
-def test_sound_above_the_band_is_located_if_wideband():
+def test_sound_above_the_band_is_located():
     rng = np.random.default_rng(2)
     azimuth = np.radians(35.0)
     high = waves(rng, np.array([np.sin(azimuth)]), np.zeros(1), np.ones(1), 0.5, (5500.0, 7500.0))
     sound = high + 0.005 * rng.normal(size=high.shape)
     assert error_deg(located(sound), azimuth) < 1.0
-    assert located(sound, wideband=False).confidence[0] < 0.5
+    assert located(sound, method='phat').confidence[0] < 0.5
 
 
 def test_noise_without_reflections_is_left_to_the_likelihood():
