@@ -275,18 +275,14 @@ class FusionStage:
             while waiting:
                 message, arrival = waiting.popleft()  # whatever it raises, it is not tried again
                 try:
-                    used = self._use(name, message, arrival) or used
+                    used = (self._use_doa(message, arrival) if name == DOA else
+                            self._use_detections(self._cameras[name], message, arrival)) or used
                 except NotYetKnownError:
                     if arrival <= now < arrival + TRANSFORM_WAIT_S:
                         waiting.appendleft((message, arrival))
                         break
                     self.untransformed += 1
         return self._output(now) if used else None
-
-    def _use(self, name: str, message: Any, arrival: float) -> bool:
-        if name == DOA:
-            return self._use_doa(message, arrival)
-        return self._use_detections(self._cameras[name], message, arrival)
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
         measurements = self.converter.doa(message)

@@ -56,7 +56,7 @@ class CameraView:
 
     def band(self, azimuth: float, sigma: float) -> list[list[float]]:
         """The outline of all directions within `sigma` (rad) of `azimuth` (rad), clipped to the field of view."""
-        half = MARGIN * self._half_view
+        half = 0.5 * MARGIN * max(self.model.horizontal_fov_rad, self.model.vertical_fov_rad)
         offset = wrap(azimuth - self.axis[0])
         if not (math.isfinite(offset) and math.isfinite(sigma)):
             return []
@@ -67,13 +67,9 @@ class CameraView:
         return self._project(azimuths, np.concatenate([self._elevations, self._elevations[::-1]]))
 
     @cached_property
-    def _half_view(self) -> float:
-        """Half of the larger field of view (rad): the longer side of the picture may be upright."""
-        return 0.5 * max(self.model.horizontal_fov_rad, self.model.vertical_fov_rad)
-
-    @cached_property
     def _elevations(self) -> NDArray[np.float64]:
-        return np.linspace(max(self.axis[1] - self._half_view, -1.5), min(self.axis[1] + self._half_view, 1.5), STEPS)
+        half = 0.5 * max(self.model.horizontal_fov_rad, self.model.vertical_fov_rad)  # the longer side may be upright
+        return np.linspace(max(self.axis[1] - half, -1.5), min(self.axis[1] + half, 1.5), STEPS)
 
     def _project(self, azimuths: ArrayLike, elevations: ArrayLike) -> list[list[float]]:
         azimuth, elevation = np.asarray(azimuths, float), np.asarray(elevations, float)
