@@ -166,7 +166,7 @@ class DetectionStage:
         left = None if self._visibility is None else self._visibility.report(image, time, camera, level)
         planner = self.detector.planner
         visibility = None if left is None else Visibility(
-            header=header, visibility=FOUND * left.share, range=left.range,
+            header=header, visibility=FOUND * left.share * left.sharp, range=left.range,
             unsearched=0.0 if planner is None else 1.0 - planner.share)
         complete = len(detections) or self.detector.searched(time)
         return detections_message(header, detections, tracks) if complete else None, visibility

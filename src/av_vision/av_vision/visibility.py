@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from av_common.camera import PinholeCamera
-from av_vision.image import noise_of, to_bgr8
+from av_vision.image import NORMAL_MAD, noise_of, to_bgr8
 
 LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
 BINS = 16  # number of bins of distance, of as many pixels each
@@ -31,6 +31,12 @@ AREA = 7  # pixels of a small image: side of the smallest area that is black rat
 NORMAL_SPREAD = 3.7  # standard deviations between the percentiles 2 and 95 of normal noise
 LEAST_PIXELS = 30  # of a bin: their median errs by 0.23 of their standard deviation
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
+LONGEST = 640, 160  # pixels, to which the longer side is reduced, for blur and, where that tells nothing, for strong blur
+STEP = 15  # pixels, in which a step has its height
+FEWEST = 200  # pixels beside steps that tell
+# Slopes of the steepest steps, 1/pixel: in 61 clips and 24 rendered pictures they have 0.39 to 0.9. Blurred to 0.2 and 0.17 the
+# shipped detector finds 0.4 and 0.2 of what it finds in sharp ones, at 0.11 nothing.
+BLURRED, SHARP = 0.12, 0.35
 
 
 @dataclass(frozen=True)
@@ -40,10 +46,12 @@ class Visibility:
     Parameters:
         share (0-1): share of a target's contrast that reaches the camera from the given distance.
         extinction (1/m): extinction of the air; nan where it cannot be estimated.
+        sharp (0-1): see `sharpness`.
     """
 
     share: float
     extinction: float = math.nan
+    sharp: float = 1.0
 
     @property
     def range(self) -> float:
@@ -75,9 +83,10 @@ def estimate(image: NDArray, distance: NDArray | None = None, target_distance: f
     """
     grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
     if distance is None:
-        return Visibility(contrast_left(grey))
+        return Visibility(contrast_left(grey), sharp=sharpness(grey))
     extinction = fit_extinction(grey, np.where(unlit(grey), np.nan, np.asarray(distance, np.float32)))
-    return Visibility(math.exp(-extinction * target_distance) if math.isfinite(extinction) else math.nan, extinction)
+    left = math.exp(-extinction * target_distance) if math.isfinite(extinction) else math.nan
+    return Visibility(left, extinction, sharpness(grey))
 
 
 def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> float:
@@ -133,6 +142,32 @@ def contrast_left(grey: NDArray[np.float32]) -> float:
     air, dark = np.percentile(lit, [95.0, 2.0])
     contrast = air - dark - NORMAL_SPREAD * noise_of(small)
     return float(np.clip(contrast / max(0.85 * air, USUAL_CONTRAST), 0.0, 1.0))
+
+
+def sharpness(grey: NDArray[np.float32]) -> float:
+    """Share (0-1) of what is found in sharp images that is found in this one (h, w), by its blur; 1 where nothing tells.
+
+    A step behind a blur of sigma pixels has a slope of 1 / (sigma sqrt(2 pi)) of its height at most. So the steepest slopes
+    tell the blur of focus, of water on the lens and, along rows or columns, of motion, whatever the scene is.
+    """
+    for longest in LONGEST:
+        scale = min(longest / max(grey.shape), 1.0)
+        small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        slopes = [steepest(part) for part in (small, np.ascontiguousarray(small.T))]
+        if not np.isnan(slopes).all():
+            return float(np.clip((np.nanmin(slopes) - BLURRED) / (SHARP - BLURRED), 0.0, 1.0))
+    return 1.0
+
+
+def steepest(grey: NDArray) -> float:
+    """The steepest slopes along the rows (h, w), as shares of the height of their step for each pixel; nan of too few steps."""
+    slopes, row = np.abs(np.diff(grey, axis=1)), np.ones((1, STEP), np.uint8)
+    noise = NORMAL_MAD * float(np.median(slopes)) if slopes.size else 0.0
+    heights = (cv2.dilate(grey, row) - cv2.erode(grey, row))[:, 1:]
+    steps = heights >= max(USUAL_CONTRAST, 8.0 * noise)
+    if steps.sum() < FEWEST:
+        return math.nan
+    return float(np.percentile(np.maximum(slopes - 2.0 * noise, 0.0)[steps] / heights[steps], 99.0))
 
 
 def unlit(grey: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -320,3 +320,21 @@ def test_attitudes_are_interpolated_and_not_extrapolated_for_long(model, monkeyp
         attitude(7.0, 0.0, 2.0)
     attitude(2.0, 0.0)
     assert yaw_at(2.05) == pytest.approx(0.0)
+
+
+def blocks(seed):
+    """A picture of blocks of any brightness, 416 x 416."""
+    random = np.random.default_rng(seed)
+    picture = np.kron(random.uniform(20.0, 230.0, (13, 13)), np.ones((32, 32)))
+    return (picture + random.normal(0.0, 2.0, picture.shape)).clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize('blurred', [
+    lambda image: cv2.GaussianBlur(image, (0, 0), 4.0), lambda image: cv2.GaussianBlur(image, (0, 0), 12.0),
+    lambda image: cv2.blur(image, (21, 1)), lambda image: cv2.blur(image, (1, 21))], ids=['focus', 'strong', 'pan', 'tilt'])
+@pytest.mark.parametrize('seed', range(3))
+def test_what_a_blurred_image_does_not_show_says_nothing(model, seed, blurred):
+    """Whether by focus, by water on the lens or by motion: nothing is found in such images of drones."""
+    sharp, other = (make(model).on_image(image_at(1.0, image), 0.0)[1].visibility
+                    for image in (blocks(seed), blurred(blocks(seed))))
+    assert sharp > 0.7 and other < 0.2 * sharp
