@@ -21,6 +21,7 @@ from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds, to_stamp
+from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
@@ -28,7 +29,6 @@ from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
 from av_fusion.measurement.measurements import usable_doas
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
-from av_fusion.withheld import as_predictions
 from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
@@ -337,6 +337,28 @@ class FusionStage:
         frame = BASE_FRAME
         return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame),
                             targets_message(targets, frame))
+
+
+def as_predictions(track: Track, targets: Targets, reason: str, sides: bool = True) -> tuple[Track, Targets]:
+    """The estimates as predictions, on which nothing moves, for a reason: one of several publishers may be a forger.
+
+    They state no measurement, as what comes by the other inputs is judged together with what the forger's left behind.
+
+    Parameters:
+        track: what is followed.
+        targets: all targets.
+        reason: what is published as such.
+        sides: whether front and back may be told: not by a rig that is certainly not as described.
+    """
+    state = State.NONE if track.state == State.NONE else State.COASTING
+    predicted = _unmeasured(track, sides)._replace(state=state, reason=reason, requested_rotation=0.0, look=None,
+                                                   front_probability=track.front_probability if sides else 0.5)
+    return predicted, targets._replace(targets=tuple(
+        [target._replace(track=_unmeasured(target.track, sides)) for target in targets.targets]))
+
+
+def _unmeasured(track: Track, sides: bool) -> Track:
+    return track._replace(source=Source.NOTHING, measured=0.0, resolved=track.resolved and sides)
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,

@@ -102,7 +102,7 @@ class FusionNode(RigNode):
         self.refuse_second_publishers('doa', 'odometry', *self._gimbals,
                                       *camera_topics(self._cameras, DETECTIONS, INFO, VISIBILITY),
                                       tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
-        self._timer = self.create_timer(1.0 / RATE_HZ, self._on_time)
+        self._timer = self.create_timer(1.0 / RATE_HZ, lambda: self._publish(self._stage.on_time(self.now())))
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
@@ -143,9 +143,6 @@ class FusionNode(RigNode):
     def _publish_posterior(self) -> None:
         if self._posterior_publisher.get_subscription_count():
             self._posterior_publisher.publish(self._stage.posterior(self.now()))
-
-    def _on_time(self) -> None:
-        self._publish(self._stage.on_time(self.now()))
 
     def _publish(self, output: FusionOutput | None) -> None:
         if output is not None:
