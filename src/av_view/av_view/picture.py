@@ -14,11 +14,11 @@ WIDTH, QUALITY = 640, 70  # pixels, to which larger pictures are reduced; of JPE
 STAMP = struct.Struct('<iI')  # of a header, after the encapsulation: the first field of an image
 
 
-class RecentImages:
-    """Serialised images of the last moments by their stamps, since detections come later than their image."""
+class RecentImages(dict[int, bytes]):
+    """Serialised images of the last moments by their stamps (ns), since detections come later than their image."""
 
     def __init__(self) -> None:
-        self._images: dict[int, bytes] = {}
+        super().__init__()
         self.newest = 0
 
     def add(self, data: bytes) -> None:
@@ -31,16 +31,11 @@ class RecentImages:
             raise ValueError(f'{len(data)} bytes, expected an image')
         seconds, nanoseconds = STAMP.unpack_from(data, 4)
         self.newest = seconds * 1_000_000_000 + nanoseconds
-        self._images[self.newest] = data
-        self._images = {stamp: kept for stamp, kept in self._images.items() if abs(self.newest - stamp) <= LONGEST_NS}
-        excess = sum(map(len, self._images.values())) - MOST_BYTES
-        for stamp in sorted(self._images):
-            if excess > 0 and stamp != self.newest:
-                excess -= len(self._images.pop(stamp))
-
-    def get(self, stamp: int) -> bytes | None:
-        """The image of a stamp (ns); None where it is not there."""
-        return self._images.get(stamp)
+        self[self.newest] = data
+        excess = sum(map(len, self.values())) - MOST_BYTES
+        for stamp in sorted(self):
+            if stamp != self.newest and (excess > 0 or abs(self.newest - stamp) > LONGEST_NS):
+                excess -= len(self.pop(stamp))
 
 
 def jpeg_of(image: NDArray) -> bytes:

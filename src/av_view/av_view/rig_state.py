@@ -156,7 +156,9 @@ class RigState:
             **{what: part(fresh[what]) if what in fresh else None for what, part in PARTS.items()},
             'sound': self._sound_part(fresh['doa']) if 'doa' in fresh else None, 'sight': self._sight_part(fresh),
             'picture': self._picture_part(now), 'cameras': self._cameras_part(),
-            'tracks': self._tracks_part(fresh['tracks']) if 'tracks' in fresh else [], 'truth': self._truth_part(now),
+            'tracks': [self._track(track, track.id == fresh['tracks'].selected)
+                       for track in fresh['tracks'].tracks[:MOST_TRACKS]] if 'tracks' in fresh else [],
+            'truth': self._truth_part(now),
             'posterior': _posterior_part(fresh['posterior']) if 'posterior' in fresh else [],
             'spectrum': self._spectrum[1] if _is_recent(self._spectrum[0], now) else [],
             'marks': [mark for mark in self._marks if mark[0] <= now],
@@ -206,16 +208,13 @@ class RigState:
         return [{'name': name, 'azimuth': degrees(camera.axis[0]), 'elevation': degrees(camera.axis[1]),
                  'view': degrees(camera.model.horizontal_fov_rad)} for name, camera in self.cameras.items()]
 
-    def _tracks_part(self, message: Any) -> list[dict[str, Any]]:
-        return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
-
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
         camera = self.cameras.get(CAMERAS[0])
         return {
             'id': int(track.id), 'name': track.class_id[:LONGEST_NAME], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
-            'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
-            'selected': selected,
+            'drone': number(track.drone_probability), 'range': number(track.range), 'selected': selected,
+            'source': [name for name, bit in (('sound', Source.SOUND), ('sight', Source.SIGHT)) if track.source & bit],
             'point': camera.point(track.azimuth, track.elevation) if camera else None}
 
     def _truth_part(self, now: float) -> list[dict[str, Any]]:
@@ -310,10 +309,6 @@ def _is_recent(arrival: float, now: float) -> bool:
 def _sigma(variance: float) -> float | None:
     """Standard deviation in degrees of a variance (rad^2); None where it says nothing."""
     return degrees(math.sqrt(variance)) if 0.0 <= variance <= math.pi**2 else None
-
-
-def _sources(bits: int) -> list[str]:
-    return [name for name, bit in (('sound', Source.SOUND), ('sight', Source.SIGHT)) if bits & bit]
 
 
 def _nearest(past: Iterable[tuple[float, Any]], time: float) -> Any:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import ctypes.util
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -258,8 +257,7 @@ class SceneRenderer:
             thermal[window] = self._temperatures(view, bgr, identities, depth, window).mean(axis=-1)
 
 
-@dataclass(frozen=True)
-class Crop:
+class Crop(NamedTuple):
     """A part of the rendered image: left and top edge, width and height (px)."""
 
     left: int
