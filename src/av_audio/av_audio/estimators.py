@@ -92,7 +92,8 @@ class Adaptive:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(even.significance, likely.significance)
-        return replace(chosen, significance=significance, main_share=even.main_share, reflected=even.reflected)
+        return replace(chosen, significance=significance, main_share=even.main_share, reflected=even.reflected,
+                       curve=even.curve)
 
 
 def expected_error(peak: Peak, reflected: float = 1.0) -> float:

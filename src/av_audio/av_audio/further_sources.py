@@ -75,7 +75,7 @@ class FurtherSources(SteeredResponse):
         apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
         better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
         return [replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
-                        main_share=max(peak.main_share, peaks[0].main_share)),
+                        main_share=max(peak.main_share, peaks[0].main_share), curve=peak.curve),
                 *[replace(one, main_share=one.main_share * is_no_reflection(one.height / peaks[0].height, peak.reflected))
                   for one in peaks[1:]]]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,10 @@ FULL_SCALE = 0.999  # amplitude from which a sample is clipped, unless others ar
 # Windows in which more of the samples clip have no confidence: of a sine at 1 dB over full scale 30 % clip, of noise with
 # full scale at 2.6 sigma 1 %.
 CLIPPED_SHARE = 0.01
+# Cosines at which odds are given; the logarithm of the likelihood by a coherence of 1 between the microphones; and the share of
+# windows whose curve does not tell where a source is. Fitted to a drone and a pair that move in 30 random rooms.
+COSINES = np.linspace(-1.0, 1.0, 129)
+NATS, MISSING = 60.0, 0.05
 # A direction of less than this (q, a cosine; 3 deg) is that of no delay, which sound without phases has.
 NO_DELAY = 0.05
 
@@ -87,6 +91,8 @@ class DoaEstimate:
         cosine: cosine of the estimated angle to the axis of a linear array (see `Directions`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
+        odds (n,): at COSINES of the angle to the axis of a linear array, as a density over an even one, those of a source there
+            over none; empty where they are not known.
         own: probability that sound of the rig itself is louder than all other (see `NearField`); confidences count it.
         further: estimates of the other sources in the same window.
     """
@@ -104,6 +110,7 @@ class DoaEstimate:
     q: Array
     cosine: float = np.nan
     cosine_variance: float = np.nan
+    odds: Array = field(default_factory=lambda: np.zeros(0))
     own: float = 0.0
     further: tuple[DoaEstimate, ...] = ()
 
@@ -115,7 +122,8 @@ class DoaEstimate:
 
 def distrusted(estimate: DoaEstimate) -> DoaEstimate:
     """An estimate without confidence: by channels that are known to be at fault."""
-    return replace(estimate, confidence=np.zeros(len(estimate.confidence)), further=tuple(map(distrusted, estimate.further)))
+    return replace(estimate, confidence=np.zeros(len(estimate.confidence)), odds=np.zeros(0),
+                   further=tuple(map(distrusted, estimate.further)))
 
 
 class Localizer:
@@ -225,17 +233,36 @@ class Localizer:
         found = to_directions(self.array, q, covariance, alone)
         kept = within_elevations(self.array, found.angles, self._elevations)
         count = int(kept.sum())
+        probability = (1.0 - own) * self._source_probability(peak, window)
         return DoaEstimate(
             centre / self.sample_rate, centre, azimuth=found.angles[0, kept], elevation=found.angles[1, kept],
             azimuth_variance=found.variances[0, kept], elevation_variance=found.variances[1, kept],
-            confidence=np.full(count, (1.0 - own) * self._confidence(peak, window)), group=np.full(count, group),
+            confidence=np.full(count, probability * peak.main_share), group=np.full(count, group),
             end_fire=np.full(count, self.array.rank == 1 and abs(float(q[0])) > END_FIRE_COSINE), level_dbfs=level, q=peak.q,
-            cosine=found.cosine, cosine_variance=found.cosine_variance, own=own)
+            cosine=found.cosine, cosine_variance=found.cosine_variance,
+            odds=odds_over_cosines(self.array, peak, probability), own=own)
 
-    def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
+    def _source_probability(self, peak: Peak, window: NDArray[np.float32]) -> float:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
             self.without_phases += 1
             return 0.0
         full = FULL_SCALE <= max(float(window.max()), -float(window.min())) <= 1.0
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if full else 0.0
-        return float(peak.source_probability * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+        return float(peak.source_probability * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+
+
+def odds_over_cosines(array: MicrophoneArray, peak: Peak, probability: float) -> Array:
+    """Odds (n,) that a source is at each of COSINES rather than nowhere, by all peaks of a curve; empty without one.
+
+    Parameters:
+        array: the microphones.
+        peak: the highest peak.
+        probability: that there is a source.
+    """
+    if peak.curve is None:
+        return np.zeros(0)
+    places, response = peak.curve
+    q = COSINES if array.delay_curve is None else array.delay_curve.measured_cosine(COSINES)
+    likelihood = np.exp(NATS * (np.interp(q, places, response) - response.max()))
+    told = (1.0 - MISSING) * probability
+    return np.asarray(told / (1.0 - told) * likelihood / likelihood.mean())

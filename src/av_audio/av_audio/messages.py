@@ -15,7 +15,7 @@ from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.pose_messages import vector_message
 from av_common.stamps import to_stamp
-from av_interfaces.msg import AudioFrame, Doa, DoaArray
+from av_interfaces.msg import AudioFrame, Doa, DoaArray, DoaOdds
 
 UNKNOWN = (math.nan, math.nan, math.nan)  # nothing is known of a sound
 
@@ -70,6 +70,11 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
     message.hypotheses = [image for source, judgement in zip(estimate.sources, judged, strict=True)
                           for image in _images(source, judgement)]
     return message
+
+
+def doa_odds(estimate: DoaEstimate, header: Header) -> DoaOdds:
+    """The odds over the cosine of one analysis window, with the header of its `DoaArray`."""
+    return DoaOdds(header=header, odds=estimate.odds.astype(np.float32))
 
 
 def _images(source: DoaEstimate, judgement: tuple[float, float, float]) -> list[Doa]:

@@ -16,13 +16,13 @@ from av_audio.ego_noise import EgoLearning, NoiseRecording
 from av_audio.file_source import SAMPLE_RATES
 from av_audio.health import ChannelFault, ChannelHealth
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings, distrusted
-from av_audio.messages import doa_array, samples_of
+from av_audio.messages import doa_array, doa_odds, samples_of
 from av_audio.wind import WindMeter
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.stamps import to_seconds
-from av_interfaces.msg import AudioFrame, DoaArray
+from av_interfaces.msg import AudioFrame, DoaArray, DoaOdds
 
 LONGEST_FRAME_S = 10.0  # the longest window
 OWN_SOUND_S = 5.0  # over which the share of own sound is averaged
@@ -61,6 +61,7 @@ class DoaStage:
         self._wind: WindMeter | None = None
         self._health: ChannelHealth | None = None
         self.latest: DoaEstimate | None = None
+        self.odds: list[DoaOdds] = []  # of the windows that the newest frame completed, as far as they are known
         self.judgement = Judgement()  # of the strongest source in the newest window
         self.own_sound = 0.0  # mean probability that sound of the rig itself is louder than all other
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
@@ -128,7 +129,7 @@ class DoaStage:
         except Exception:
             self.reset()
             raise
-        messages = []
+        messages, self.odds = list[DoaArray](), []
         for estimate in estimates:
             self.latest = estimate
             self.own_sound += min(1.0, self._settings.hop_s / OWN_SOUND_S) * (estimate.own - self.own_sound)
@@ -137,6 +138,8 @@ class DoaStage:
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             messages.append(doa_array(estimate, self._part, stamp, frame.header.frame_id, self._settings.window_s,
                                       self._settings.method, judged))
+            if len(estimate.odds):
+                self.odds.append(doa_odds(estimate, messages[-1].header))
         return messages
 
     def _judge(self, estimate: DoaEstimate) -> list[Judgement]:

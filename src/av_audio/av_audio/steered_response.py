@@ -45,6 +45,7 @@ class Peak:
         height: value of the steered response.
         reflected: power of what is reflected, over that of what arrives directly; 0 where unknown.
         over_alone: probability that it stems from a source, where peaks of the rig alone are known; else None.
+        curve (2, g): places q on a line, and the steered response there, whose peaks are alternatives; None where unknown.
     """
 
     q: NDArray
@@ -55,6 +56,7 @@ class Peak:
     height: float = 0.0
     reflected: float = 0.0
     over_alone: float | None = None
+    curve: NDArray | None = None
 
     @property
     def source_probability(self) -> float:

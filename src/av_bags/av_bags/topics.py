@@ -9,7 +9,7 @@ from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_common.rig import CAMERAS, camera_topic, camera_topics
 
-AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/camera_info'
+AUDIO, DOA, ODDS, IMAGE, CAMERA = 'audio/frames', 'doa', 'doa/odds', 'camera/image_raw', 'camera/camera_info'
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', 'tf_static', 'motor_speeds'
@@ -26,6 +26,7 @@ OF_CAMERA: dict[str, tuple[str, ...]] = {
 KINDS: dict[str, tuple[str, ...]] = {
     AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
     DOA: ('av_interfaces/msg/DoaArray',),
+    ODDS: ('av_interfaces/msg/DoaOdds',),
     **{camera_topic(camera, name): kinds for camera in CAMERAS for name, kinds in OF_CAMERA.items()},
     ODOMETRY: (*_POSES, 'sensor_msgs/msg/Imu'),
     BEARING: ('av_interfaces/msg/Bearing',),
@@ -47,7 +48,7 @@ _CONTEXT = (*camera_topics(CAMERAS, CAMERA, VISIBILITY), ODOMETRY, GIMBAL, TRUE_
 # Topics to play for each stage from which on the results are computed again.
 STAGES: dict[str, tuple[str, ...]] = {
     'raw': (AUDIO, MOTORS, *camera_topics(CAMERAS, IMAGE), *_SEEN, *_CONTEXT),
-    'doa': (DOA, *_SEEN, *_CONTEXT),
+    'doa': (DOA, ODDS, *_SEEN, *_CONTEXT),
     'bearing': (BEARING, TARGETS, STATE, DOA, *_SEEN, *_CONTEXT),
     'all': tuple(KINDS),
 }

@@ -25,6 +25,7 @@ from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
+from av_fusion.measurement.geometry import usable_odds
 from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
 from av_fusion.measurement.measurements import usable_doas
 from av_fusion.posterior import azimuth_posterior
@@ -33,6 +34,7 @@ from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
     DoaArray,
+    DoaOdds,
     FusionState,
     GimbalState,
     PointingCommand,
@@ -40,7 +42,7 @@ from av_interfaces.msg import (
     Visibility,
 )
 
-DOA, ODOMETRY, GIMBAL = 'doa', 'odometry', 'gimbal/state'
+DOA, ODDS, ODOMETRY, GIMBAL = 'doa', 'doa/odds', 'odometry', 'gimbal/state'
 DETECTIONS, VISIBILITY, INFO = 'detections', 'visibility', 'camera/camera_info'  # of the first camera
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
@@ -93,6 +95,7 @@ class FusionStage:
         self.gate = InputGate((DOA, *self._cameras, ODOMETRY))
         self._observer = observer
         self._visibilities: dict[str, tuple[float, float, float]] = {}  # by camera, see UNSEEN
+        self._odds: dict[float, tuple[float, ...]] = {}  # of windows that have not been used, by their stamps (s)
         self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
@@ -107,6 +110,13 @@ class FusionStage:
             arrival (s): time of its arrival.
         """
         return self._queue(DOA, message, arrival)
+
+    def on_odds(self, message: DoaOdds) -> None:
+        """Store what a window says of its strongest source until its directions come. Raises ValueError for impossible odds."""
+        if ODDS not in self.gate.contested:
+            self._odds[to_seconds(message.header.stamp)] = usable_odds(message)
+            if len(self._odds) > MOST_WAITING:
+                del self._odds[next(iter(self._odds))]
 
     def on_detections(self, message: Detection2DArray, arrival: float, camera: str = CAMERAS[0]) -> FusionOutput | None:
         """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
@@ -256,6 +266,7 @@ class FusionStage:
             self.tracker.motion.restart()
             self.gate.restart()
             self._visibilities.clear()
+            self._odds.clear()
             self._last_output = self._cued = -math.inf
             for waiting in self._waiting.values():
                 waiting.clear()
@@ -285,7 +296,8 @@ class FusionStage:
         return self._output(now) if used else None
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
-        measurements = self.converter.doa(message)
+        odds = self._odds.pop(to_seconds(message.header.stamp), ()) if self._odds else ()
+        measurements = self.converter.doa(message, odds)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
         measurements = usable_doas(measurements)

@@ -20,7 +20,7 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import MISSING_AFTER_S, RateMeter
 from av_common.refused_inputs import RECENT_S
-from av_interfaces.msg import AudioFrame, DoaArray
+from av_interfaces.msg import AudioFrame, DoaArray, DoaOdds
 
 
 class DoaNode(RigNode):
@@ -39,6 +39,7 @@ class DoaNode(RigNode):
         self._needs_motor_speeds, self._rotors_turn = self.settings.ego_rotor_blades > 0, False
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
+        self._odds_publisher = self.create_publisher(DoaOdds, 'doa/odds', RESULT)
 
     def activate(self) -> None:
         """Subscribe."""
@@ -87,7 +88,10 @@ class DoaNode(RigNode):
         if self.contested:
             return
         before = self._stage.without_phases
-        for message in self._stage.on_audio(frame, self.now()):
+        messages = self._stage.on_audio(frame, self.now())
+        for odds in self._stage.odds:  # first, as they belong to what follows
+            self._odds_publisher.publish(odds)
+        for message in messages:
             self._publisher.publish(message)
         if self._stage.without_phases > before:
             self._without_phases.tick()

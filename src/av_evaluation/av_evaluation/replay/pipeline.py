@@ -71,9 +71,7 @@ class Pipeline:
         try:
             self._share(name, message, arrival)
             if name == names.AUDIO and self._doa is not None:
-                self._compare(message, arrival)
-                for directions in self._doa.on_audio(message, arrival):
-                    self._publish_sensed(names.DOA, directions, arrival)
+                self._hear(self._doa, message, arrival)
             elif name == names.MOTORS and self._doa is not None:
                 self._doa.on_motor_speeds(message)
             elif kind == names.IMAGE and detection is not None:
@@ -105,6 +103,14 @@ class Pipeline:
             if self._pointing is not None:
                 self._pointing.on_odometry(message, Instant(arrival, arrival))
 
+    def _hear(self, doa: DoaStage, frame: AudioFrame, arrival: float) -> None:
+        self._compare(frame, arrival)
+        directions = doa.on_audio(frame, arrival)
+        for odds in doa.odds:
+            self._publish_sensed(names.ODDS, odds, arrival)
+        for message in directions:
+            self._publish_sensed(names.DOA, message, arrival)
+
     def _compare(self, frame: AudioFrame, arrival: float) -> None:
         """Give the other estimators a frame; one that cannot be used is reported by the rig's own stage."""
         for method, stage in self._estimators.items():
@@ -123,6 +129,8 @@ class Pipeline:
             fusion.on_visibility(message, camera)
         elif name == names.GIMBAL:
             output = fusion.on_gimbal(message, arrival)
+        elif name == names.ODDS:
+            fusion.on_odds(message)
         elif name == names.DOA:
             output = fusion.on_doa(message, arrival)
         elif kind == names.DETECTIONS:

@@ -208,6 +208,7 @@ class Replay:
                 without = WITHOUT[names.of_camera(name)[1]]
                 (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {without}')
         beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, *detections) if self.stage == 'bearing' else ()
+        beside += (names.ODDS,) if self.stage == 'doa' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
         beside += camera_topics(cameras, names.CAMERA, *(() if detects else (names.VISIBILITY,)))
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}

@@ -72,7 +72,11 @@ class ArraySelfCalibration(SelfCalibration):
         left, right = map(math.acos, self.correct(cone.cosine, cone.angle))
         axis = turned(rotation(quaternion_of((0.0, 0.0, 0.5 * (left - right)))), cone.axis)
         moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
-        return measurement._replace(hypotheses=moved.images(), cone=moved)
+        odds = measurement.odds
+        if odds:
+            cosines = np.linspace(-1.0, 1.0, len(odds))
+            odds = tuple(np.interp(cosines + cone.cosine - moved.cosine, cosines, odds).tolist())
+        return measurement._replace(hypotheses=moved.images(), cone=moved, odds=odds)
 
 
 def sensitivities(azimuth: float, elevation: float) -> tuple[float, float, float, float, float]:

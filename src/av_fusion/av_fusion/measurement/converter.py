@@ -97,11 +97,16 @@ class MeasurementConverter:
         """Names of the classes seen where none of them is a target's."""
         return [] if self._classes & self._target_classes else sorted(self._classes)
 
-    def doa(self, message: DoaArray) -> list[DoaMeasurement]:
-        """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
+    def doa(self, message: DoaArray, odds: tuple[float, ...] = ()) -> list[DoaMeasurement]:
+        """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown.
+
+        Parameters:
+            message: directions of one window.
+            odds: see `DoaMeasurement`, of the strongest source.
+        """
         header = message.header
         rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
-        return [] if rotation is None else doa_in_body(message, rotation)
+        return [] if rotation is None else doa_in_body(message, rotation, odds)
 
     def detections(self, message: Any, visibility: float = math.nan, searched: float = 1.0,
                    camera: str = CAMERAS[0]) -> CameraMeasurement | None:

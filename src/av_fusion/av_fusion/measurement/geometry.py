@@ -20,15 +20,16 @@ from av_fusion.measurement.measurements import (
     Hypothesis,
 )
 from av_fusion.measurement.vectors import Rows, Vector, angles, direction, rows_of, turned
-from av_interfaces.msg import Doa, DoaArray
+from av_interfaces.msg import Doa, DoaArray, DoaOdds
 from av_vision.bearing import bearings_of_boxes
 
 OVERHEAD = 0.95  # vertical part of a direction close to the array's vertical
 MOST_DIRECTIONS = 32  # of a window, the strongest first: eight images of four sources; more are not doa_node's
+LARGEST_ODDS = 1e9  # of a message: a source is never as sure
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
 
 
-def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMeasurement]:
+def doa_in_body(message: DoaArray, rotation: NDArray[np.float64], odds: tuple[float, ...] = ()) -> list[DoaMeasurement]:
     """One measurement for each ambiguity group of a message, most confident first.
 
     A linear array (one with an axis) measures cones, other arrays directions. `rotation` (3, 3) turns vectors of the
@@ -37,6 +38,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
     Parameters:
         message: the directions.
         rotation (3, 3): rotation matrix from the array's frame to the body frame.
+        odds: of the strongest source, see `usable_odds`; empty where unknown.
 
     Raises ValueError for an impossible stamp, and for an axis that is neither a unit vector nor zero.
     """
@@ -48,8 +50,8 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
     groups: dict[int, list[Doa]] = {}
     for hypothesis in message.hypotheses[:MOST_DIRECTIONS]:
         groups.setdefault(hypothesis.ambiguity_group, []).append(hypothesis)
-    measurements = []
-    for members in groups.values():
+    measurements, strongest = [], min(groups, default=0)
+    for group, members in groups.items():
         cone = _cone_of(axis, members)
         if cone is not None and math.hypot(axis[0], axis[1]) < LEVEL:
             hypotheses: tuple[Hypothesis, ...] = cone.images()  # the array's level images are not level in the body
@@ -60,8 +62,17 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         judged, known = 0.0 < sound.drone_probability <= 1.0, 0.0 < sound.fundamental < math.inf
         measurements.append(DoaMeasurement(
             time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
-            *((sound.fundamental, sound.fundamental_variance) if known else (math.nan, math.nan))))
+            sound.fundamental if known else math.nan, sound.fundamental_variance if known else math.nan,
+            odds if group == strongest and cone is not None else ()))
     return sorted(measurements, key=lambda measurement: -measurement.confidence)
+
+
+def usable_odds(message: DoaOdds) -> tuple[float, ...]:
+    """The odds over the cosine of a message. Raises ValueError for impossible ones."""
+    odds = np.asarray(message.odds, float)
+    if not ((odds >= 0.0) & (odds <= LARGEST_ODDS)).all():
+        raise ValueError(f'odds from {odds.min():g} to {odds.max():g}, expected 0 to {LARGEST_ODDS:g}')
+    return tuple(odds.tolist())
 
 
 def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:

@@ -81,6 +81,7 @@ class DoaMeasurement(NamedTuple):
             hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
         drone_probability: probability that the source is a drone, if drones were as frequent as all else; NaN if unknown.
         fundamental (Hz), fundamental_variance (Hz^2): of the source's harmonics; NaN if unknown.
+        odds: see `av_interfaces/DoaOdds`; empty where unknown.
     """
 
     time: float
@@ -91,6 +92,7 @@ class DoaMeasurement(NamedTuple):
     drone_probability: float = math.nan
     fundamental: float = math.nan
     fundamental_variance: float = math.nan
+    odds: tuple[float, ...] = ()
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:

@@ -32,6 +32,7 @@ from av_fusion.stage import (
     DETECTIONS,
     GIMBAL,
     INFO,
+    ODDS,
     RATE_HZ,
     VISIBILITY,
     FusionOutput,
@@ -41,6 +42,7 @@ from av_interfaces.msg import (
     AzimuthPosterior,
     Bearing,
     DoaArray,
+    DoaOdds,
     FusionState,
     GimbalState,
     PointingCommand,
@@ -86,6 +88,7 @@ class FusionNode(RigNode):
         for camera in self._cameras:
             for kind, topic, note in ((CameraInfo, INFO, stage.on_camera_info), (Visibility, VISIBILITY, stage.on_visibility)):
                 self.create_subscription(kind, camera_topic(camera, topic), partial(note, camera=camera), STREAM)
+        self.create_subscription(DoaOdds, ODDS, stage.on_odds, STREAM)
         inputs: list[tuple[Any, str, Any, Any]] = [
             (DoaArray, 'doa', stage.on_doa, STREAM), (GimbalState, GIMBAL, stage.on_gimbal, STREAM),
             (PointingCommand, 'pointing/command', stage.on_command, RESULT)]
@@ -99,7 +102,7 @@ class FusionNode(RigNode):
         self.create_service(Trigger, '~/request_rotation', self._on_request_rotation)
         self.create_service(Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.create_timer(POSTERIOR_PERIOD_S, self._publish_posterior)
-        self.refuse_second_publishers('doa', 'odometry', *self._gimbals,
+        self.refuse_second_publishers('doa', ODDS, 'odometry', *self._gimbals,
                                       *camera_topics(self._cameras, DETECTIONS, INFO, VISIBILITY),
                                       tell=self._stage.refuse_contested, besides={GIMBAL: 'rig_frames_node'})
         self._timer = self.create_timer(1.0 / RATE_HZ, lambda: self._publish(self._stage.on_time(self.now())))

@@ -14,6 +14,7 @@ from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.curve import Curve
 from av_fusion.tracks.motion import Elevation
 from av_fusion.tracks.past_state import Deviation, PastState, Row
 from av_fusion.tracks.settings import FilterSettings
@@ -94,10 +95,25 @@ class Match(NamedTuple):
     Parameters:
         deviations: the scalar measurements that it consists of.
         direction: the alternative that was compared; None for a cone.
+        curve: the whole likelihood of a cosine, where it is known: as likely as the measurement by its peak alone.
     """
 
     deviations: Sequence[Deviation]
     direction: WorldDirection | None = None
+    curve: Curve | None = None
+
+    def likelier(self, past: PastState, modes: NDArray[np.float64], fraction: float) -> Deviation:
+        """The first deviation, by the peak or by the whole likelihood: whichever is the likelier.
+
+        Parameters:
+            past: what the component predicts.
+            modes (k,): probabilities of the modes of motion.
+            fraction: effective sample fraction.
+        """
+        first = self.deviations[0]
+        if self.curve is None or modes @ fits_of(self._replace(curve=None)) >= modes @ self.curve.fits(1.0):
+            return first
+        return self.curve.deviation(past, first.row, fraction)
 
 
 class Comparison(NamedTuple):
@@ -131,16 +147,19 @@ class WorldCone(NamedTuple):
         axis: unit vector of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
         variance: variance of the cosine's error from all causes.
+        likelihood (n,): at even cosines from -1 to 1, over that of the measured one by the peak alone; None where unknown.
     """
 
     axis: Vector
     cosine: float
     variance: float
+    likelihood: NDArray[np.float64] | None = None
 
     def compare(self, past: PastState) -> Match:
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
-        return Match((Deviation(row, self.cosine - means, variances + self.variance, self.variance),))
+        curve = None if self.likelihood is None else Curve.of(means, variances, self.likelihood)
+        return Match((Deviation(row, self.cosine - means, variances + self.variance, self.variance),), None, curve)
 
     def births(self, settings: FilterSettings) -> list[GaussianComponent]:
         """Components at both images, where the cone meets the likely elevations of the sky, clockwise of the axis first.
@@ -218,7 +237,7 @@ class WorldDirections(NamedTuple):
     def compare(self, past: PastState) -> Match:
         """See `WorldCone`."""
         alternatives = [Match(direction.deviations(past), direction) for direction in self.directions]
-        return max(alternatives, key=lambda match: float(fits_of(match.deviations).max()))
+        return max(alternatives, key=lambda match: float(fits_of(match).max()))
 
     def births(self, settings: FilterSettings) -> list[GaussianComponent]:
         """Components at the directions; of mirror images the one at the commoner elevation is the more likely.
@@ -237,18 +256,20 @@ def normalised(births: list[GaussianComponent]) -> list[GaussianComponent]:
     return births
 
 
-def fits_of(deviations: Sequence[Deviation], factor: float = 1.0) -> NDArray[np.float64]:
+def fits_of(match: Match, factor: float = 1.0) -> NDArray[np.float64]:
     """Likelihood (k,) of a direction in each mode, by the first deviation, and reduced by the others.
 
     It is relative to that of a component that predicts the measured value without error and variance: at most 1.
 
     Parameters:
-        deviations: of the direction.
+        match: the direction, compared with a component.
         factor: by which the variance of its noise is multiplied.
     """
+    deviations = match.deviations
     squares = sum([one.innovations**2 / (one.totals + (factor - 1.0) * one.noise) for one in deviations])
     first, noise = deviations[0], factor * deviations[0].noise
-    return np.asarray(np.exp(-0.5 * squares) * np.sqrt(noise / (first.totals - first.noise + noise)))
+    fits = np.exp(-0.5 * squares) * np.sqrt(noise / (first.totals - first.noise + noise))
+    return np.asarray(fits if match.curve is None else 0.5 * (fits + match.curve.fits(1.0 / factor)))
 
 
 class Hearing(NamedTuple):
@@ -293,7 +314,9 @@ def hear(time: float, measurement: DoaMeasurement, settings: FilterSettings, mot
     if cone is None:
         return Hearing(WorldDirections([WorldDirection.of(hypothesis, attitude, floor)
                                         for hypothesis in measurement.hypotheses]), measurement.confidence, peak)
-    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared)
+    clutter = max(1.0 - measurement.confidence, LEAST_CLUTTER)
+    heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared,
+                      np.array(measurement.odds) * (clutter / peak) if measurement.odds else None)
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
     return Hearing(heard, measurement.confidence, peak, heard.axis if off_axis else None)
 

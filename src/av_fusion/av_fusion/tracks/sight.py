@@ -60,7 +60,7 @@ def compare(component: GaussianComponent, past: PastState, image: Image, detecte
     chance = detected * image.measurement.searched * in_view
     matches = [Match(direction.deviations(past), direction) for direction in image.directions]
     gain = detected * 2.0 * image.measurement.half_view
-    found = np.array([gain * odds_of(detection) * fits_of(one.deviations) / math.sqrt(math.tau * one.deviations[0].noise)
+    found = np.array([gain * odds_of(detection) * fits_of(one) / math.sqrt(math.tau * one.deviations[0].noise)
                       for detection, one in zip(image.measurement.detections, matches, strict=True)])
     hidden = component.p_hidden(image.measurement.camera, image.time, 1.0 - (1.0 - OCCLUDED) * image.visibility, OCCLUSION_S,
                                 image.is_known)

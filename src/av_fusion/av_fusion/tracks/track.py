@@ -140,7 +140,7 @@ class Track:
         for component in self.mixture.components:
             past = component.at(lag)
             matches = [hearing.source.compare(past) for hearing in heard]
-            fits = np.array([fits_of(match.deviations) for match in matches]).T
+            fits = np.array([fits_of(match) for match in matches]).T
             unheard = component.p_hidden(SOUND, time, settings.unheard_rate, settings.unheard_time)
             compared.append(Comparison(component, past, matches, unheard, 1.0, fits))
         return compared
@@ -174,7 +174,7 @@ class Track:
         for each in compared:
             component, unheard, found = each.component, each.hidden, each.found * free
             shares = found / (each.missed + np.add.reduce(found, axis=1, keepdims=True))
-            fits = np.array([fits_of(match.deviations, 1.0 / fraction) for match in each.matches]).T
+            fits = np.array([fits_of(match, 1.0 / fraction) for match in each.matches]).T
             tempered = unheard + (1.0 - unheard) * ((1.0 - each.chance) ** fraction + fits @ (gains * free) ** fraction)
             total = float(component.modes @ tempered)
             component.note_hidden(SOUND, time, unheard / total)
@@ -281,7 +281,8 @@ def update_by_directions(time: float, seen: bool, compared: Comparison, shares: 
         compared: of the component with the directions.
     """
     component, past, matches = compared.component, compared.past, compared.matches
-    component.update(time, seen, past, [one.deviations[0] for one in matches], shares, fraction, matches[0].direction is None)
+    first = [one.deviations[0] if one.curve is None else one.likelier(past, component.modes, fraction) for one in matches]
+    component.update(time, seen, past, first, shares, fraction, matches[0].direction is None)
     whole = component.modes @ shares
     known = [(j, one.direction) for j, one in enumerate(matches) if one.direction is not None and one.direction.is_known]
     if known:
