@@ -65,7 +65,7 @@ class _Message(NamedTuple):
 class _Converter:
     """In the place of a `MeasurementConverter`: what is drawn is measured already."""
 
-    def doa(self, message: _Message) -> object:
+    def doa(self, message: _Message, _odds: tuple[float, ...]) -> object:
         return message.measured
 
     def detections(self, message: _Message, _visibility: float, _searched: float, _camera: str) -> object:
