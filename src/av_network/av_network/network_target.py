@@ -54,6 +54,7 @@ class NetworkTarget:
         members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
         refuted: whether an observation cannot stem from it.
+        told: probability that it is a drone, by each rig that has told one; kept when that rig follows something else.
     """
 
     started: float
@@ -63,6 +64,7 @@ class NetworkTarget:
     members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
     refuted: bool = False
+    told: dict[int, float] = field(default_factory=dict)
 
     @property
     def confirmed(self) -> bool:
@@ -93,6 +95,8 @@ class NetworkTarget:
             alone: the rig's track as that other target.
         """
         before = self.member(one.rig, one.sighting.id)
+        if math.isfinite(one.sighting.drone_probability):
+            self.told[one.rig] = one.sighting.drone_probability
         self.members[one.rig] = Member(one.sighting, time, gain + (before.gain if before else 0.0), alone)
         self.measured = max(self.measured, time)
         self.nis += (min(nis, GATE) - self.nis) / NIS_MEMORY
@@ -100,9 +104,7 @@ class NetworkTarget:
     @property
     def drone_probability(self) -> float:
         """Probability that it is a drone, by the mean of the log-odds that its rigs have told last; NaN while unknown."""
-        told = [member.sighting.drone_probability for member in self.members.values()]
-        odds = logit(np.clip([each for each in told if math.isfinite(each)], 0.01, 0.99))
-        return float(expit(np.mean(odds))) if len(odds) else math.nan
+        return float(expit(np.mean(logit(np.clip(list(self.told.values()), 0.01, 0.99))))) if self.told else math.nan
 
     @property
     def class_id(self) -> str:

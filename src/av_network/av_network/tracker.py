@@ -156,6 +156,7 @@ class NetworkTracker:
         """Forget what a rig has reported that contradicts the others."""
         for each in self.hypotheses:
             each.members.pop(rig, None)
+            each.told.pop(rig, None)
         self.unexplained = {key: pair for key, pair in self.unexplained.items() if key[0] != rig}
 
     def _assign(self, rig: int, observations: Sequence[Observation], innovations: Innovations, time: float) -> dict[int, int]:

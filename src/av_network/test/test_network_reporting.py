@@ -58,7 +58,7 @@ def test_a_position_that_is_not_precise_is_not_told():
 def test_what_a_target_is_by_what_its_rigs_have_told_last():
     """The mean of the log-odds, and the name that most of them give it; nothing while none tells."""
     told = [(0.9, 'drone'), (0.5, 'bird'), (np.nan, 'drone'), (np.nan, '')]
-    target = replace(KNOWN, members={rig: Member(SEEN._replace(drone_probability=p, class_id=name), 10.0, 5.0, ALONE)
-                                     for rig, (p, name) in enumerate(told)})
+    target = replace(KNOWN, told={0: 0.9, 1: 0.5}, members={
+        rig: Member(SEEN._replace(drone_probability=p, class_id=name), 10.0, 5.0, ALONE) for rig, (p, name) in enumerate(told)})
     assert target.drone_probability == pytest.approx(0.75) and target.class_id == 'drone'
     assert np.isnan(KNOWN.drone_probability) and KNOWN.class_id == ''

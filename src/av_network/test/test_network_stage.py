@@ -212,6 +212,22 @@ def test_probabilities_that_are_none_are_not_passed_on():
         assert track.existence <= 1.0 and math.isnan(track.drone_probability)
 
 
+def test_what_a_target_is_stays_known_when_the_rig_that_knew_it_follows_something_else():
+    """Far from the target; the others have never told what they see."""
+    names = ('left', 'right', 'third')
+    stage = stage_of(names)
+    for step in range(40):
+        time = START + 0.25 * step
+        for name in names:
+            values = {'drone_probability': 0.1 if name == 'left' else math.nan}
+            if name == 'left' and step >= 20:
+                values |= {'azimuth': -2.0, 'drone_probability': math.nan}
+            stage.on_report(name, report(name, time, **values), time + 0.02)
+        message = stage.output(time + 0.05)
+    (track,) = [each for each in message.tracks if each.positioned]
+    assert list(track.rigs) == ['right', 'third'] and track.drone_probability == pytest.approx(0.1)
+
+
 def test_tracks_are_in_the_order_of_their_ids_and_of_one_rig_at_most_as_many_as_it_may_have():
     """A rig makes ids up, and has directions before two rigs have a target."""
     stage = stage_of(('left', 'right', 'third'))
