@@ -17,6 +17,7 @@ from av_common.microphone_array import MicrophoneArray
 
 Vector = tuple[float, float, float]
 CAMERAS = ('camera', 'second_camera')  # that a rig may have
+FARTHEST_M = 30.0  # of a sensor from the origin of its body, along each axis: the length of the highest mobile masts
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,16 @@ class Mount:
     Parameters:
         position (m): origin in the body's frame.
         rpy_deg (degrees): fixed-axis roll, pitch, yaw of the rotation from this frame to the body's.
+
+    Raises ValueError for a position that is on no body.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if np.abs(self.position).max() > FARTHEST_M:
+            raise ValueError(f'position is {list(self.position)}, expected at most {FARTHEST_M:g} m from the body: in metres')
 
     @cached_property
     def rotation(self) -> NDArray:
@@ -81,6 +88,8 @@ class CameraMount:
         width, height (pixels): size of the image.
         horizontal_fov_deg (degrees): field of view without distortion.
         distortion: k1 k2 p1 p2 [k3 ...] as in `PinholeCamera`.
+
+    Raises ValueError as `PinholeCamera`.
     """
 
     kind: str = bounded('visible', choices=('visible', 'thermal'))
@@ -92,6 +101,9 @@ class CameraMount:
     height: int = bounded(480, low=16, high=8192)
     horizontal_fov_deg: float = bounded(70.0, low=1.0, high=150.0)
     distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        _ = self.model    # raises for the file, rather than at the first image
 
     @cached_property
     def model(self) -> PinholeCamera:
