@@ -18,7 +18,7 @@ from av_bags import topics as names
 from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_common.clock import SenderClock
-from av_common.frames import BASE_FRAME, attitude_of
+from av_common.frames import BASE_FRAME, attitude_of, is_orientation
 from av_common.quaternions import Quaternion as Orientation
 from av_common.quaternions import inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
@@ -32,6 +32,8 @@ GAP_S = 0.05
 ARRAY_FRAME = 'microphones'
 # Of audio_common_msgs: numpy's type and full scale.
 FORMATS = {'S16LE': ('<i2', 32768.0), 'S32LE': ('<i4', 2147483648.0), 'F32LE': ('<f4', 1.0)}
+# Of AudioStamped, which describes itself (github.com/mgonzs13/audio_common): its arrays, of which one is filled, by format.
+ARRAYS = {'S16LE': 'int16_data', 'S32LE': 'int32_data', 'F32LE': 'float32_data'}
 
 
 @dataclass(frozen=True)
@@ -72,27 +74,32 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     if kind == names.KINDS[name][0]:
         return None
     if name == names.AUDIO:
-        return AudioBytes(layout or _described_layout(bag, topic))
+        return AudioBytes(None if kind.endswith('/AudioStamped') else layout or _described_layout(bag, topic))
     return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())
 
 
 class AudioBytes:
-    """Converts AudioData and AudioDataStamped (audio_common_msgs) with PCM samples to AudioFrame.
+    """Converts AudioData, AudioDataStamped and AudioStamped (audio_common_msgs) with PCM samples to AudioFrame.
 
     A sample may be split between two messages.
+
+    Parameters:
+        layout: layout of the bytes; None for messages that describe themselves.
     """
 
-    def __init__(self, layout: AudioLayout) -> None:
-        self._layout = layout
+    def __init__(self, layout: AudioLayout | None) -> None:
+        self._given = layout
         self._clock = SenderClock()
         self._rest = b''
         self._next = 0
         self._origin: float | None = None
 
     def __call__(self, message: Any, time_ns: int) -> Iterable[AudioFrame]:
-        """The frame of a message recorded at `time_ns` (ns); empty while no sample is complete."""
+        """The frame of a message recorded at `time_ns` (ns); empty while no sample is complete. Raises BagError."""
         stamped = hasattr(message, 'header')
-        samples = self._samples((message.audio if stamped else message).data)
+        sound = message.audio if stamped else message
+        self._layout, data = (self._given, sound.data) if self._given else _self_described(sound)
+        samples = self._samples(data)
         if not len(samples):
             return []
         if stamped:
@@ -114,7 +121,7 @@ class AudioBytes:
         """Complete samples (n, channels) of full scale 1; the bytes of an incomplete one are kept."""
         kind, full_scale = FORMATS[self._layout.sample_format]
         size = np.dtype(kind).itemsize * self._layout.channels
-        content = self._rest + np.asarray(data, np.uint8).tobytes()
+        content = self._rest + bytes(np.asarray(data, None if isinstance(data, np.ndarray) else np.uint8))
         whole = len(content) // size * size
         self._rest = content[whole:]
         samples = np.frombuffer(content[:whole], kind).reshape(-1, self._layout.channels)
@@ -137,10 +144,11 @@ class Poses:
         """Convert one pose."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
         time, attitude, rate = to_seconds(message.header.stamp), attitude_of(pose.orientation), Vector3()
-        if self._before is not None and time > self._before[0]:
-            x, y, z = (part / (time - self._before[0]) for part in vector_of(product(inverse(self._before[1]), attitude)))
-            rate = Vector3(x=x, y=y, z=z)
-        self._before = (time, attitude)
+        if is_orientation(attitude):    # others are left to whoever takes the odometry, and tell no rate
+            if self._before is not None and time > self._before[0]:
+                x, y, z = (part / (time - self._before[0]) for part in vector_of(product(inverse(self._before[1]), attitude)))
+                rate = Vector3(x=x, y=y, z=z)
+            self._before = (time, attitude)
         return [_odometry(message.header, pose.position, pose.orientation, rate)]
 
 
@@ -161,6 +169,14 @@ def _odometry(header: Header, position: Point, orientation: Quaternion, rate: Ve
     message.pose.pose = Pose(position=position, orientation=orientation)
     message.twist.twist.angular = rate
     return message
+
+
+def _self_described(sound: Any) -> tuple[AudioLayout, NDArray]:
+    """Layout and samples of the Audio in an AudioStamped. Raises BagError for an array of another format."""
+    kind = next((kind for kind, name in ARRAYS.items() if len(getattr(sound.audio_data, name))), None)
+    if kind is None:
+        raise BagError(f'audio of format {sound.info.format}, expected samples in {", ".join(ARRAYS.values())}')
+    return AudioLayout(sound.info.rate, sound.info.channels, kind), getattr(sound.audio_data, ARRAYS[kind])
 
 
 def _described_layout(bag: Bag, topic: str) -> AudioLayout:

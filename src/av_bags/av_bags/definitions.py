@@ -14,7 +14,8 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 SEPARATOR = '=' * 80 + '\n'  # of the parts of a definition, by rosbag2
-# Definitions of a package that many bags use and few systems have installed.
+# Definitions of a package that many bags use and few systems have installed. Another package of this name has other ones.
+AUDIO_PACKAGE = 'audio_common_msgs/'
 AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                 'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',
                 'audio_common_msgs/msg/AudioInfo': 'uint8 channels\nuint32 sample_rate\nstring sample_format\n'

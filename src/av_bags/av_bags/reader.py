@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from av_bags.decompression import limit_rosbags, message
-from av_bags.definitions import AUDIO_COMMON, BagError, UnknownTypeError, completed, installed_types, parse
+from av_bags.definitions import AUDIO_PACKAGE, BagError, UnknownTypeError, completed, installed_types, parse
 from av_bags.parts import Parts
 from av_bags.salvage import copy_in_order, records_of_database, records_of_file
 from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
@@ -199,7 +199,7 @@ class Bag(AbstractContextManager['Bag']):
         if different and kind.startswith('av_interfaces/'):
             raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
                            f'one, which differs in {", ".join(different)}; use the release that recorded it')
-        if fast or different or kind in AUDIO_COMMON:
+        if fast or different or kind.startswith(AUDIO_PACKAGE):
             return partial(self.decode, topic)
         from rclpy.serialization import deserialize_message  # a bag is read without ROS, too
         from rosidl_runtime_py.utilities import get_message
@@ -209,7 +209,7 @@ class Bag(AbstractContextManager['Bag']):
     def _different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""
         kind = self.topics[topic].kind
-        if not self.definition(topic) or kind in AUDIO_COMMON:
+        if not self.definition(topic) or kind.startswith(AUDIO_PACKAGE):
             return []
         there = parse(kind, self._definitions[kind])
         return sorted({f'{name.split("/")[-1]}.{field}' for name, (_, fields) in installed_types(kind).items()

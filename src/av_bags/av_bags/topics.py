@@ -15,6 +15,7 @@ BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', 'tf_static', 'motor_speeds'
 GIMBAL, TARGETS, MARKS = 'gimbal/state', 'targets', 'marks'
 
+COMPRESSED = '/compressed'    # added by image_transport to the name of the same images
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
 # Types of each topic that can be read: the rig's own type first, then those that are converted to it.
 OF_CAMERA: dict[str, tuple[str, ...]] = {
@@ -24,7 +25,8 @@ OF_CAMERA: dict[str, tuple[str, ...]] = {
     VISIBILITY: ('av_interfaces/msg/Visibility',),
 }
 KINDS: dict[str, tuple[str, ...]] = {
-    AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
+    AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped',
+            'audio_common_msgs/msg/AudioStamped'),
     DOA: ('av_interfaces/msg/DoaArray',),
     ODDS: ('av_interfaces/msg/DoaOdds',),
     **{camera_topic(camera, name): kinds for camera in CAMERAS for name, kinds in OF_CAMERA.items()},
@@ -100,7 +102,8 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
             continue
         candidates = _candidates(bag, name, namespace)
         usable = [topic for topic in candidates if bag.topics[topic].kind in KINDS[name] and bag.topics[topic].count]
-        if len(usable) == 1 or (usable and usable[0] == candidates[0] == absolute(name, namespace)):
+        usable = sorted({topic.removesuffix(COMPRESSED): topic for topic in sorted(usable, reverse=True)}.values())
+        if len(usable) == 1:
             found.topics[name] = usable[0]
         else:
             found.missing[name] = _why(bag, name, candidates, usable)
@@ -145,10 +148,9 @@ def _remapped(bag: Bag, name: str, topic: str) -> str:
 
 def _candidates(bag: Bag, name: str, namespace: str) -> list[str]:
     exact = absolute(name, namespace)
-    small = f'{exact}/compressed'
-    if exact in bag.topics or small in bag.topics:
-        return [exact if exact in bag.topics else small]
-    endings, home = (f'/{name}', f'/{name}/compressed'), absolute('', namespace)
+    if own := [topic for topic in (exact, exact + COMPRESSED) if topic in bag.topics]:
+        return own
+    endings, home = (f'/{name}', f'/{name}{COMPRESSED}'), absolute('', namespace)
     others = tuple(f'/{other}' for other in KINDS if other.endswith(endings[0]))  # of another camera
     return sorted(topic for topic in bag.topics
                   if topic.endswith(endings) and not topic.endswith(others) and (topic.startswith(home) or topic in endings))

@@ -1,9 +1,14 @@
+import math
+
 import bag_messages as make
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagFile
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
@@ -75,6 +80,65 @@ def test_a_description_of_audio_with_other_fields_is_none(tmp_path):
     writer.finish()
     with Bag(tmp_path / 'bag.mcap') as bag, pytest.raises(BagError, match='neither rate nor channels; give audio_rate'):
         Feed(bag, {'audio/frames': '/audio/frames'})
+
+
+@pytest.mark.parametrize('name', ['/camera/image_raw', '/robot/camera/image_raw'])
+@pytest.mark.parametrize('raw', [0, 1])
+def test_images_that_were_recorded_raw_and_compressed_are_taken_once(tmp_path, name, raw):
+    """The raw ones where there are any: a topic without messages is as if it were missing."""
+    small, large = make.image('png'), make.image('bgr8')
+    with BagFile(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {topic: writer.add_connection(topic, message.__msgtype__, typestore=make.TYPES)
+                  for topic, message in ((name, large), (f'{name}/compressed', small))}
+        for topic, message in ((f'{name}/compressed', small), *[(name, large)] * raw):
+            writer.write(topics[topic], round(make.EPOCH * 1e9), make.cdr(message))
+    with Bag(tmp_path / 'bag') as bag:
+        found = find_topics(bag, ('camera/image_raw',))
+        assert found.topics == {'camera/image_raw': name if raw else f'{name}/compressed'}
+
+
+@pytest.mark.parametrize('lost', [(0.0, 0.0, 0.0, 0.0), (math.nan,) * 4])
+def test_a_pose_without_attitude_costs_no_rate_of_the_next_one(tmp_path, lost):
+    """The rig turns at 0.5 rad/s."""
+    with make.bag(tmp_path / 'bag') as write:
+        for step in range(8):
+            time = make.EPOCH + 0.1 * step
+            pose = make.odometry(time, yaw=0.05 * step).pose.pose
+            if step == 3:
+                pose.orientation = make.make('geometry_msgs/msg/Quaternion', *lost)
+            write('/pose', time, make.make('geometry_msgs/msg/PoseStamped', make.header(time, 'map'), pose))
+    with Bag(tmp_path / 'bag') as bag:
+        rates = [record.message.twist.twist.angular.z for record in Feed(bag, {'odometry': '/pose'})]
+    assert [rate for step, rate in enumerate(rates) if step not in (0, 3)] == pytest.approx([0.5] * 6, abs=1e-4)
+
+
+@pytest.mark.parametrize(('array', 'scale'), [('int16_data', 2**15), ('int32_data', 2**31), ('float32_data', 1.0)])
+def test_sound_that_describes_itself_needs_no_layout(tmp_path, array, scale):
+    """AudioStamped, whose package shares its name with the one of AudioDataStamped: 16 kHz in two channels."""
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    arrays = {'float32_data': np.float32, 'int32_data': np.int32, 'int16_data': np.int16}
+    for kind, text in (('AudioInfo', 'int32 format\nint16 channels\nint32 rate\nint32 chunk'),
+                       ('AudioData', '\n'.join(f'{name.partition("_")[0]}[] {name}' for name in arrays)),
+                       ('Audio', 'audio_common_msgs/AudioData audio_data\naudio_common_msgs/AudioInfo info'),
+                       ('AudioStamped', 'std_msgs/Header header\naudio_common_msgs/Audio audio')):
+        types.register(get_types_from_msg(text, f'audio_common_msgs/msg/{kind}'))
+    of, sound = types.types, np.array([0.5, -0.25] * 1600)
+    data = [np.array(scale * sound if name == array else [], kind) for name, kind in arrays.items()]
+    with BagFile(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection('/audio', 'audio_common_msgs/msg/AudioStamped', typestore=types)
+        for step in range(3):
+            time = make.EPOCH + 0.1 * step
+            header = of['std_msgs/msg/Header'](of['builtin_interfaces/msg/Time'](*divmod(round(time * 1e9), 10**9)), 'ears')
+            audio = of['audio_common_msgs/msg/Audio'](
+                of['audio_common_msgs/msg/AudioData'](*data), of['audio_common_msgs/msg/AudioInfo'](8, 2, 16_000, 1600))
+            message = of['audio_common_msgs/msg/AudioStamped'](header, audio)
+            writer.write(topic, round(time * 1e9), bytes(types.serialize_cdr(message, message.__msgtype__)))
+    with Bag(tmp_path / 'bag') as bag:
+        feed = Feed(bag, find_topics(bag, ('audio/frames',), {'audio/frames': '/audio'}).topics)
+        frames = [record.message for record in feed]
+    assert not feed.lost and [frame.first_sample for frame in frames] == [0, 1600, 3200]
+    assert {(frame.sample_rate, frame.channels, frame.header.frame_id) for frame in frames} == {(16_000, 2, 'ears')}
+    np.testing.assert_allclose(frames[1].samples, sound, atol=1e-4)
 
 
 def test_reasons_that_differ_in_each_message_are_not_all_kept(tmp_path):
