@@ -179,12 +179,12 @@ def test_an_installed_package_is_in_the_table(tmp_path):
     subprocess.run([sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation', '--no-index',
                     '--target', str(site), str(copy)], check=True, cwd=tmp_path)
     environment = {'PYTHONPATH': f'{site}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'}
-    run(typed('own_method.md', 'loudest_delay newest_bearing fused') + ' --duration 4', tmp_path, **environment)
+    run(typed('own_method.md', 'loudest_delay newest_bearing fused') + ' --duration 4 --quiet', tmp_path, **environment)
     metrics = json.loads((tmp_path / 'results/own_method/metrics.json').read_text())
     assert {'gcc_phat', 'loudest_delay', 'newest_bearing', 'fused'} <= set(metrics)
     assert 'loudest_delay' in (tmp_path / 'results/own_method/report.html').read_text()
     seeing = typed('own_method.md', 'evaluate .*--model dark_specks')
-    run(f'{seeing} --duration 1 --methods sight', tmp_path, **environment)
+    run(f'{seeing} --duration 1 --methods sight --quiet', tmp_path, **environment)
 
 
 def test_the_report_has_the_methods_of_another_package(offered, tmp_path, monkeypatch):

@@ -54,7 +54,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     (tmp_path / 'bags' / 'others').mkdir()
     (tmp_path / 'bags' / 'others' / 'broken.mcap').write_bytes(b'')
     out = tmp_path / 'out'
-    command = [str(tmp_path / 'bags'), 'circle', '--oracle', '--seeds', '1', '--duration', '3', '--out', str(out),
+    command = [str(tmp_path / 'bags'), 'circle', '--oracle', '--seeds', '1', '--duration', '3', '--out', str(out), '--quiet',
                '--methods', 'fused', 'sound', 'sight', 'gated', 'kalman', 'gcc_phat']
     assert main(command) == 1
     printed = capsys.readouterr()

@@ -115,7 +115,7 @@ def test_bytes_of_sound_are_as_good_as_frames(tmp_path, stamped, described):
                 data = make.make('audio_common_msgs/msg/AudioDataStamped', make.header(begin, 'microphones'), data)
             write('/mic/audio', begin + len(pcm[k:k + 1001]) / 4 / make.RATE + (0.05 if stamped else 0.0), data)
     given = ['--audio-rate', str(make.RATE), '--audio-channels', '2'] if not described else []
-    assert main([str(tmp_path / 'bag'), '--remap', 'audio/frames:=/mic/audio', *given]) == 0
+    assert main([str(tmp_path / 'bag'), '--remap', 'audio/frames:=/mic/audio', '--quiet', *given]) == 0
     layout = None if described else AudioLayout(make.RATE, 2)
     _, log = replayed(tmp_path / 'bag', remappings={'audio/frames': '/mic/audio'}, audio=layout)
     assert len(log.sound) == 16
@@ -356,7 +356,7 @@ def test_a_damaged_bag_gives_what_it_holds_with_a_warning(tmp_path, capsys):
         Replay(bag).run(out)
     content = (tmp_path / 'whole.mcap').read_bytes()
     (tmp_path / 'cut.mcap').write_bytes(content[:len(content) // 2])
-    assert main([str(tmp_path / 'cut.mcap'), '--from', 'doa']) == 0
+    assert main([str(tmp_path / 'cut.mcap'), '--from', 'doa', '--quiet']) == 0
     captured = capsys.readouterr()
     assert 'coverage' in captured.out
     assert 'cut.mcap ends after byte' in captured.err
@@ -390,4 +390,4 @@ def test_the_program_shows_progress_table_and_plot(tmp_path, capsys):
 def test_no_middleware_is_started(tmp_path):
     code = 'import sys, rclpy; from av_evaluation.cli.replay import main; sys.exit(main(sys.argv[1:]) or rclpy.ok())'
     bag = make.flight(tmp_path / 'bag', duration=1.0)
-    assert subprocess.run([sys.executable, '-c', code, str(bag)], check=False).returncode == 0
+    assert subprocess.run([sys.executable, '-c', code, str(bag), '--quiet'], check=False).returncode == 0

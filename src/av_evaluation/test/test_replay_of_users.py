@@ -48,7 +48,7 @@ def test_bearings_of_another_clock_are_left_out(tmp_path, capsys):
             time = make.EPOCH + 0.05 * k
             track = Track(0.05 * k if 20 <= k < 40 else time, State.ACOUSTIC_ACTIVE, azimuth=0.1, measured=time)
             bag.write('/target/bearing', round(1e9 * time), serialize_message(bearing_message(track, 'base_link')))
-    assert main([str(tmp_path / 'bag.mcap')]) == 3
+    assert main([str(tmp_path / 'bag.mcap'), '--quiet']) == 3
     printed = capsys.readouterr()
     assert '20 messages of target/bearing: stamp is more than 60 s off the clock' in printed.err and 'coverage' in printed.out
 
@@ -88,7 +88,7 @@ def test_a_replay_goes_on_behind_a_clock_that_was_set(tmp_path, capsys, jump):
             directions(write, make.EPOCH, 8.0)
             if parts == 2:
                 directions(write, make.EPOCH + 8.0 + jump, 8.0, -0.4)
-    options = ['--out', str(tmp_path / 'out.mcap'), '--report', str(tmp_path / 'report')]
+    options = ['--out', str(tmp_path / 'out.mcap'), '--quiet', '--report', str(tmp_path / 'report')]
     assert main([str(tmp_path / 'bag'), *options]) == 0
     printed = capsys.readouterr()
     assert 'a new segment begins, and what lies between is left out' in printed.err
@@ -128,7 +128,7 @@ def test_a_recording_without_a_camera_is_replayed_from_raw(tmp_path, capsys):
         for frame in make.audio_frames(make.EPOCH, make.sound_of(0.6, 4.0)):
             time_ns = round((frame.header.stamp.sec + 1e-9 * frame.header.stamp.nanosec) * 1e9)
             writer.write(topics['/audio/frames'], time_ns, make.cdr(frame))
-    assert main([str(tmp_path / 'bag'), '--from', 'raw', '--out', str(tmp_path / 'out.mcap')]) == 0
+    assert main([str(tmp_path / 'bag'), '--from', 'raw', '--quiet', '--out', str(tmp_path / 'out.mcap')]) == 0
     assert '/camera/camera_info holds no messages' in capsys.readouterr().err
     assert len(bearings(tmp_path / 'out.mcap')) > 50
 
@@ -138,7 +138,7 @@ def test_what_was_dropped_is_said_with_its_count_and_by_the_exit_code(tmp_path, 
         directions(write, make.EPOCH, 3.0)
         for k in range(7):
             write('/doa', make.EPOCH + 0.4 * k + 0.01, make.doa(make.EPOCH + 1e6, 0.5))
-    assert main([str(tmp_path / 'bag')]) == 3
+    assert main([str(tmp_path / 'bag'), '--quiet']) == 3
     assert '7 messages of doa left out: their stamps' in capsys.readouterr().err
 
 
@@ -149,7 +149,7 @@ def test_the_bags_of_the_field(tmp_path, name, like):
     if not FIELD_CASES.is_dir():
         pytest.skip('needs ../shared/data/field_cases')
     for source, out in ((name, 'a.mcap'), (like, 'b.mcap')):
-        assert main([str(FIELD_CASES / source), '--from', 'doa', '--out', str(tmp_path / out)]) == 0
+        assert main([str(FIELD_CASES / source), '--from', 'doa', '--quiet', '--out', str(tmp_path / out)]) == 0
     assert (tmp_path / 'a.mcap').read_bytes() == (tmp_path / 'b.mcap').read_bytes()
 
 
@@ -157,6 +157,6 @@ def test_the_clock_of_the_field(tmp_path, capsys):
     if not FIELD_CASES.is_dir():
         pytest.skip('needs ../shared/data/field_cases')
     path = FIELD_CASES / 'clock_set' / 'jump_from_1970'
-    assert main([str(path), '--from', 'doa', '--out', str(tmp_path / 'out.mcap')]) == 0
+    assert main([str(path), '--from', 'doa', '--quiet', '--out', str(tmp_path / 'out.mcap')]) == 0
     assert 'the clock goes on 20717.6 days later' in capsys.readouterr().err
     assert (tmp_path / 'out.mcap').stat().st_size < 100_000

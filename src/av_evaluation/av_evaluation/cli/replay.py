@@ -54,6 +54,7 @@ def make_parser() -> argparse.ArgumentParser:
     add('--audio-channels', type=int, default=2, metavar='N', help='... number of channels (%(default)s)')
     add('--audio-format', default='S16LE', choices=FORMATS, help='... type of samples (%(default)s)')
     add('--commands', action='store_true', help='compute pointing commands, too; the recorded rig does not follow them')
+    add('--quiet', action='store_true', help='print no progress')
     return parser
 
 
@@ -75,7 +76,7 @@ def replay(options: argparse.Namespace) -> int:
         out = opened.enter_context(BagWriter(options.out)) if options.out else None
         length = min(bag.length - options.start, options.duration)
         print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
-        progress = Progress('s')
+        progress = Progress('s', options.quiet)
         progress.show(0.0, length)
         began, worked = time.monotonic(), time.process_time()
         log = run.run(out, lambda done: progress.show(done, length))

@@ -26,10 +26,11 @@ class Progress:
 
     Parameters:
         unit: of what is counted: `runs`, or `s` of one run.
+        quiet: whether to print nothing.
     """
 
-    def __init__(self, unit: str = 'runs') -> None:
-        self._unit, self._began = unit, time.monotonic()
+    def __init__(self, unit: str = 'runs', quiet: bool = False) -> None:
+        self._unit, self._quiet, self._began = unit, quiet, time.monotonic()
         self._first: float | None = None
         self._shown = 0.0
 
@@ -43,16 +44,16 @@ class Progress:
         """
         if self._first is None:
             self._first = self._shown = done
-            if done:
+            if done and not self._quiet:
                 print(f'{done:g} of {total:g} {self._unit} were computed before', file=sys.stderr)
-        elif done >= self._shown + 0.1 * total or done >= total:
+        elif not self._quiet and (done >= self._shown + 0.1 * total or done >= total):
             elapsed, self._shown = time.monotonic() - self._began, done
             left = elapsed / max(done - self._first, 1e-9) * (total - done)
             print(f'{done:.0f}/{total:.0f} {self._unit}, {elapsed:.0f} s, {left:.0f} s left: {text}', file=sys.stderr)
 
 
 def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
-    """Add the options for output and parallel processes.
+    """Add the options for output, parallel processes and progress.
 
     Parameters:
         parser: of the program.
@@ -61,6 +62,7 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
     add = parser.add_argument
     add('--out', type=Path, required=True, help=f'folder for {written} and the result of each run')
     add('--workers', type=whole, default=0, help='parallel processes; 0: one for each core')
+    add('--quiet', action='store_true', help='print no progress')
 
 
 def run_program(work: Callable[[argparse.Namespace], int], parser: argparse.ArgumentParser, arguments: Sequence[str] | None
@@ -93,7 +95,7 @@ def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
         groups: cases by group.
         options: those of `add_run_options`.
     """
-    folder, progress, failures = options.out / 'runs', Progress(), list[str]()
+    folder, progress, failures = options.out / 'runs', Progress(quiet=options.quiet), list[str]()
     folder.mkdir(parents=True, exist_ok=True)
     by_key = {case.key: case for group in groups.values() for case in group}
     results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(folder, case.name, key)) is not None}
