@@ -78,6 +78,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     form.add_argument('--json', action='store_true', help='one JSON object per row')
     parser.add_argument('--output', type=Path, help='write the rows here instead of standard output')
     parser.add_argument('--save-video', type=Path, metavar='OUT', help='write the input with boxes drawn, as .mp4')
+    parser.add_argument('--quiet', action='store_true', help='no progress')
     return parser.parse_args(arguments)
 
 
@@ -114,12 +115,13 @@ def run(arguments: argparse.Namespace) -> list[str]:
                 size = drawn.shape[0], drawn.shape[1]
                 video = video_writer(arguments.save_video, recording.rate, size)
             video.write(letterbox(drawn, *size)[0])
-        if frame.index % 10 == 0:
+        if not arguments.quiet and frame.index % 10 == 0:
             total = f' of {recording.count}' if recording.count else ''
             each = 1e3 * (time.perf_counter() - begun) / (frame.index + 1)
             print(f'\rframe {frame.index + 1}{total}, {each:.0f} ms each', end='', file=sys.stderr, flush=True)
-    columns = temporal.detector.model.columns
-    print(f'\nthe columns of {arguments.model} are {columns}' if columns else '', file=sys.stderr)
+    if not arguments.quiet:
+        columns = temporal.detector.model.columns
+        print(f'\nthe columns of {arguments.model} are {columns}' if columns else '', file=sys.stderr)
     if video is not None:
         video.release()
     if arguments.output:
