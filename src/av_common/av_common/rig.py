@@ -17,7 +17,6 @@ from av_common.microphone_array import MicrophoneArray
 
 Vector = tuple[float, float, float]
 CAMERAS = ('camera', 'second_camera')  # that a rig may have
-FARTHEST_M = 30.0  # of a sensor from the origin of its body, along each axis: the length of the highest mobile masts
 
 
 @dataclass(frozen=True)
@@ -27,16 +26,10 @@ class Mount:
     Parameters:
         position (m): origin in the body's frame.
         rpy_deg (degrees): fixed-axis roll, pitch, yaw of the rotation from this frame to the body's.
-
-    Raises ValueError for a position that is on no body.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        if np.abs(self.position).max() > FARTHEST_M:
-            raise ValueError(f'position is {list(self.position)}, expected at most {FARTHEST_M:g} m from the body: in metres')
 
     @cached_property
     def rotation(self) -> NDArray:

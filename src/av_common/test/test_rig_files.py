@@ -8,7 +8,6 @@ from av_common.rig import load_rig
 
 
 @pytest.mark.parametrize(('text', 'named'), [
-    ('camera: {mount: {position: [150.0, 0.0, 30.0]}}', r'camera.mount: position is \[150.0, 0.0, 30.0\], .* in metres'),
     ('camera: {distortion: [0.1, 0.2, 0.3]}', r'camera: distortion is \(0.1, 0.2, 0.3\), expected one of'),
     ('camera:\n\twidth: 640', 'not YAML in line 3'),
     ('camera: {width: "640"}', "camera.width: '640', a whole number expected"),
