@@ -67,11 +67,12 @@ class EvenPhases(SteeredResponse):
         whole = phases[:, :self._grouped].reshape(len(spectra), -1, self._group).swapaxes(1, 2)
         cut = (phases_of(blocks.spectra(white)) for blocks in self._blocks)
         weighted = np.concatenate([self._cross(part) for part in (whole, *cut)], axis=1)[:, self._order]
-        curve = self.curve(weighted)
-        peak = self._peak(weighted, self._search(weighted, curve), curve)
-        if len(peak.q) == 1:
-            peak = replace(peak, curve=np.stack([self.grid[:, 0], curve]))
+        peak = self.highest_peak(weighted)
         return self._among_reflections(peak, phases, weighted) if peak.significance > 0.0 else (peak, peak.bias)
+
+    def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
+        peak = super()._peak(weighted, q, curve)
+        return replace(peak, curve=np.stack([self.grid[:, 0], curve])) if len(q) == 1 else peak
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         agreement = height / float(np.abs(clusters).sum())

@@ -17,15 +17,14 @@ from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.near_field import NearField
 from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
-from av_common.microphone_array import MicrophoneArray
+from av_common.microphone_array import COSINES, MicrophoneArray
 
 FULL_SCALE = 0.999  # amplitude from which a sample is clipped, unless others are beyond 1, as in files of floating point
 # Windows in which more of the samples clip have no confidence: of a sine at 1 dB over full scale 30 % clip, of noise with
 # full scale at 2.6 sigma 1 %.
 CLIPPED_SHARE = 0.01
-# Cosines at which odds are given; the logarithm of the likelihood by a coherence of 1 between the microphones; and the share of
-# windows whose curve does not tell where a source is. Fitted to a drone and a pair that move in 30 random rooms.
-COSINES = np.linspace(-1.0, 1.0, 129)
+# The logarithm of the likelihood by a coherence of 1 between the microphones, and the share of windows whose curve does not
+# tell where a source is. Fitted to a drone and a pair that move in 30 random rooms.
 NATS, MISSING = 60.0, 0.05
 # A direction of less than this (q, a cosine; 3 deg) is that of no delay, which sound without phases has.
 NO_DELAY = 0.05

@@ -27,6 +27,9 @@ UNITS_M = {'millimetres': 1e-3, 'centimetres': 1e-2}
 USUAL_SIZE_M = 0.15  # of arrays; the unit that brings positions closest to it was probably meant
 
 
+COSINES = np.linspace(-1.0, 1.0, 129)  # of the angle to a line of microphones, at which `av_interfaces/DoaOdds` has odds
+
+
 @dataclass(frozen=True)
 class DelayCurve:
     """Effect of a body between two microphones on their delay.

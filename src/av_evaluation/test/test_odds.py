@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
-from av_audio.localizer import COSINES, Localizer, LocalizerSettings
+from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
-from av_common.microphone_array import DelayCurve, MicrophoneArray
+from av_common.microphone_array import COSINES, DelayCurve, MicrophoneArray
 from av_evaluation.hearing.places import PAIR, free_field
 from av_evaluation.hearing.signals import RATE, flat
 

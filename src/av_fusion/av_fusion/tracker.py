@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from av_common.rig import GimbalMount
 from av_common.track import Source, State, Target, Targets, Track
+from av_fusion.calibration.array_calibration import ArraySelfCalibration
 from av_fusion.calibration.sighting_calibration import SightingCalibration
 from av_fusion.disambiguation.ambiguity import candidates, is_resolved
 from av_fusion.disambiguation.look import LookPlanner
@@ -85,6 +86,11 @@ class MultiTargetTracker:
         self._confirm = self.settings.confirm_threshold
         self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
         self.reset()
+
+    @property
+    def self_calibration(self) -> ArraySelfCalibration:
+        """What is known of the array, by comparison with the camera."""
+        return self._calibration.array
 
     def reset(self, learned: bool = False) -> None:
         """See `PlainTracker`."""

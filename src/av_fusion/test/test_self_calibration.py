@@ -64,7 +64,7 @@ def test_an_ideal_array_stays_ideal():
     without, _ = error_after_sight(False, 0.0, 0.0)
     refined, tracker = error_after_sight(True, 0.0, 0.0)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker._calibration.array.values) < 2.0 * SIGMAS)
+    assert np.all(np.abs(tracker.self_calibration.values) < 2.0 * SIGMAS)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -73,7 +73,7 @@ def test_wrong_detections_do_not_make_it_diverge(seed):
     without, _ = error_after_sight(False, 5.0, 0.05, 0.33, seed)
     refined, tracker = error_after_sight(True, 5.0, 0.05, 0.33, seed)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker._calibration.array.values) <= 2.0 * SIGMAS + 1e-12)
+    assert np.all(np.abs(tracker.self_calibration.values) <= 2.0 * SIGMAS + 1e-12)
 
 
 def test_the_parameters_are_found():
@@ -118,13 +118,13 @@ def test_implausible_comparisons_are_refused():
 def test_it_can_be_switched_off():
     """Off means off."""
     _, tracker = error_after_sight(False)
-    assert tracker._calibration.array.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
+    assert tracker.self_calibration.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
 
 
 def test_a_misaligned_camera_has_little_effect():
     """With a camera 1 degree off at 20 degrees, within its sigma, an ideal array moves by less than 4 at 60 degrees."""
     tracker, sensors = MultiTargetTracker(), SimulatedSensors(1, math.radians(0.5))
-    self_calibration = tracker._calibration.array
+    self_calibration = tracker.self_calibration
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
         tracker.add_camera(sensors.camera(t, truth * 1.05))

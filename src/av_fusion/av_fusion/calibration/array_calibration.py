@@ -17,6 +17,7 @@ from operator import mul
 
 import numpy as np
 
+from av_common.microphone_array import COSINES
 from av_common.quaternions import quaternion_of, rotation
 from av_fusion.calibration.self_calibration import SelfCalibration
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
@@ -74,8 +75,7 @@ class ArraySelfCalibration(SelfCalibration):
         moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
         odds = measurement.odds
         if odds:
-            cosines = np.linspace(-1.0, 1.0, len(odds))
-            odds = tuple(np.interp(cosines + cone.cosine - moved.cosine, cosines, odds).tolist())
+            odds = tuple(np.interp(COSINES + cone.cosine - moved.cosine, COSINES, odds).tolist())
         return measurement._replace(hypotheses=moved.images(), cone=moved, odds=odds)
 
 

@@ -50,7 +50,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64], odds: tuple[fl
     groups: dict[int, list[Doa]] = {}
     for hypothesis in message.hypotheses[:MOST_DIRECTIONS]:
         groups.setdefault(hypothesis.ambiguity_group, []).append(hypothesis)
-    measurements, strongest = [], min(groups, default=0)
+    measurements = []
     for group, members in groups.items():
         cone = _cone_of(axis, members)
         if cone is not None and math.hypot(axis[0], axis[1]) < LEVEL:
@@ -63,7 +63,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64], odds: tuple[fl
         measurements.append(DoaMeasurement(
             time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
             sound.fundamental if known else math.nan, sound.fundamental_variance if known else math.nan,
-            odds if group == strongest and cone is not None else ()))
+            odds if group == 0 and cone is not None else ()))
     return sorted(measurements, key=lambda measurement: -measurement.confidence)
 
 

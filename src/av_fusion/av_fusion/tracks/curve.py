@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.microphone_array import COSINES
 from av_fusion.tracks.past_state import Deviation, PastState, Row
 
 NODES = np.linspace(-3.5, 3.5, 129)  # standard deviations, at which a normal density stands for itself
@@ -29,9 +30,9 @@ class Curve(NamedTuple):
 
     @classmethod
     def of(cls, means: NDArray[np.float64], variances: NDArray[np.float64], likelihood: NDArray[np.float64]) -> Curve:
-        """The likelihood (n,) at even cosines from -1 to 1, for predicted means and variances (k,)."""
+        """The likelihood at COSINES, for predicted means and variances (k,)."""
         places = means[:, None] + np.sqrt(variances)[:, None] * NODES
-        return cls(means, variances, np.interp(places, np.linspace(-1.0, 1.0, len(likelihood)), likelihood))
+        return cls(means, variances, np.interp(places, COSINES, likelihood))
 
     def fits(self, fraction: float) -> NDArray[np.float64]:
         """Mean likelihood (k,), raised to the effective sample fraction."""

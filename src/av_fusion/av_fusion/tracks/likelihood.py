@@ -111,7 +111,7 @@ class Match(NamedTuple):
             fraction: effective sample fraction.
         """
         first = self.deviations[0]
-        if self.curve is None or modes @ fits_of(self._replace(curve=None)) >= modes @ self.curve.fits(1.0):
+        if self.curve is None or modes @ fits_of(Match(self.deviations)) >= modes @ self.curve.fits(1.0):
             return first
         return self.curve.deviation(past, first.row, fraction)
 
@@ -279,18 +279,15 @@ class Hearing(NamedTuple):
         source: compares it with components, and gives those that it may start.
         confidence: probability that it stems from a source.
         peak: density of the measurement over a uniform one, at its mode.
+        clutter: probability that it stems from no source.
         end_fire: axis in the world at whose vertical plane components are to be split first; None for none.
     """
 
     source: WorldCone | WorldDirections
     confidence: float
     peak: float
+    clutter: float
     end_fire: Vector | None = None
-
-    @property
-    def clutter(self) -> float:
-        """Probability that it stems from no source."""
-        return max(1.0 - self.confidence, LEAST_CLUTTER)
 
     @property
     def odds(self) -> float:
@@ -310,15 +307,14 @@ def hear(time: float, measurement: DoaMeasurement, settings: FilterSettings, mot
     floor = settings.sound_floor_sigma**2
     variance = min([h.across_variance for h in measurement.hypotheses]) + floor
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(math.tau * variance) / UNIFORM_DENSITY
-    attitude, cone = motion.attitude(time), measurement.cone
+    attitude, cone, clutter = motion.attitude(time), measurement.cone, max(1.0 - measurement.confidence, LEAST_CLUTTER)
     if cone is None:
         return Hearing(WorldDirections([WorldDirection.of(hypothesis, attitude, floor)
-                                        for hypothesis in measurement.hypotheses]), measurement.confidence, peak)
-    clutter = max(1.0 - measurement.confidence, LEAST_CLUTTER)
+                                        for hypothesis in measurement.hypotheses]), measurement.confidence, peak, clutter)
     heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared,
                       np.array(measurement.odds) * (clutter / peak) if measurement.odds else None)
     off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
-    return Hearing(heard, measurement.confidence, peak, heard.axis if off_axis else None)
+    return Hearing(heard, measurement.confidence, peak, clutter, heard.axis if off_axis else None)
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:
