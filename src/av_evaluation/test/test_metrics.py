@@ -17,7 +17,6 @@ from av_common.stamps import to_stamp
 from av_common.track import State
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.evaluation import SENSES, describe, evaluate_run
 
 
@@ -158,19 +157,19 @@ def test_the_truth_is_in_the_body_that_tilts():
 @pytest.mark.parametrize('quaternion', [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0)])
 def test_a_true_pose_that_is_none_spoils_no_figure_of_the_others(quaternion):
     """As from a peer that sends anything: the monitor goes on with the poses before and after."""
-    recorder = RunRecorder()
+    log = RunLog()
     for step in range(4):
         for name in (topics.TRUE_TARGET, topics.TRUE_RIG):
             message = Odometry()
             message.header.stamp, message.pose.pose.orientation.w = to_stamp(100.0 + step), 1.0
             message.pose.pose.position.x = 10.0 if name == topics.TRUE_TARGET else 0.0
-            recorder.on_truth(name, message, 100.0 + step)
+            log.on_truth(name, message, 100.0 + step)
     bad = Odometry()
     bad.header.stamp = to_stamp(101.5)
     bad.pose.pose.orientation.w, bad.pose.pose.orientation.x = quaternion[:2]
     with pytest.raises(ValueError, match='unit quaternion'):
-        recorder.on_truth(topics.TRUE_RIG, bad, 101.5)
+        log.on_truth(topics.TRUE_RIG, bad, 101.5)
     bad.pose.pose.position.y = math.inf
     with pytest.raises(ValueError, match='finite'):
-        recorder.on_truth(topics.TRUE_TARGET, bad, 101.5)
-    assert recorder.log.true_azimuth([101.4])[0] == pytest.approx(0.0)
+        log.on_truth(topics.TRUE_TARGET, bad, 101.5)
+    assert log.true_azimuth([101.4])[0] == pytest.approx(0.0)

@@ -18,12 +18,11 @@ from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.metrics.metrics import TAU
-from av_evaluation.metrics.run_log import Event, RunLog, Series
+from av_evaluation.metrics.run_log import OWN_METHOD, Event, RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import TRACKERS, Tracker, make_tracker
 
-OWN_METHOD = 'ml'  # the rig's own estimator of directions
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
 ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}

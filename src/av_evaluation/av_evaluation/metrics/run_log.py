@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from av_bags.retrying_file import RetryingFile, unnamed_file
+from av_bags.topics import TRUE_TARGET
+from av_common.frames import attitude_of, is_orientation
+from av_common.stamps import to_seconds
+from av_common.track import State, Track
 from av_evaluation.metrics.tracks import TrackFigures
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
+LARGEST_OFFSET_S = 60.0    # of a stamp from its arrival: the figures take memory by the log's span of time
+OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
 Event = Pose | list[DoaMeasurement] | CameraMeasurement | float
 
@@ -81,8 +89,9 @@ class Series:
 class RunLog:
     """Truth, measurements and estimated bearing of a run. Times in s, positions in m, azimuths in rad in the body frame.
 
-    A delay is the time from capture to arrival, for sound from the centre of its window. That of a bearing is from the capture
-    of its newest measurement.
+    It is written by hand, or as the observer of a `FusionStage`; what is stamped by another clock then raises ValueError. A
+    delay is the time from capture to arrival, for sound from the centre of its window. That of a bearing is from the capture
+    of its newest measurement. Delays are in the time of the arrivals: computing takes none.
 
     Attributes:
         target: true positions of the target in the world.
@@ -94,12 +103,15 @@ class RunLog:
         tracks: how well all targets are tracked, of simulated runs with several; None for others.
         doa: most confident direction of arrival of each window by estimator, of runs that are kept for other methods.
         events: poses, windows of sound, camera measurements, and times (s) at which the track was asked for, of such runs.
+        left_out (s): time between segments of a bag, which is left out of the times of what is observed.
 
     Parameters:
-        folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory.
+        folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory, with the
+            directions by estimator.
+        keeps_events: whether `events` gets what the tracker is given, for other trackers.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path | None = None, keeps_events: bool = False) -> None:
         self.target = Series('time', 'x', 'y', 'z', folder=folder)
         self.rig = Series('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz', folder=folder)
         self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay', folder=folder)
@@ -109,6 +121,76 @@ class RunLog:
         self.tracks: TrackFigures | None = None
         self.doa: dict[str, list[DoaMeasurement]] = {}
         self.events: list[Event] = []
+        self.left_out = 0.0
+        self._keeps_doa, self._keeps_events = folder is None, keeps_events
+
+    def on_pose(self, pose: Pose) -> None:
+        """Keep a pose."""
+        self._keep(pose._replace(time=pose.time - self.left_out))
+
+    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """Log the most confident measurement of a window."""
+        logged = [doa._replace(time=self._time(doa.time, arrival)) for doa in measurements]
+        self._keep(usable_doas(logged))
+        if self._keeps_doa:
+            self.doa.setdefault(OWN_METHOD, []).extend(logged[:1])
+        for doa in logged[:1]:
+            azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
+            self.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan, doa.confidence,
+                           arrival - self.left_out - doa.time)
+
+    def on_other(self, method: str, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """Log the most confident measurement of a window by another method."""
+        self.doa.setdefault(method, []).extend(
+            doa._replace(time=self._time(doa.time, arrival)) for doa in measurements[:1])
+
+    def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
+        """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
+        measurement = measurement._replace(time=self._time(measurement.time, arrival))
+        self._keep(measurement)
+        best = measurement.best
+        self.sight.add(measurement.time, best.azimuth if best else math.nan, best.score if best else 0.0,
+                       arrival - self.left_out - measurement.time)
+        if any(detection.id.startswith('oracle') for detection in message.detections):
+            self.notes['detections'] = "the simulator's visual oracle (no detector ran)"
+
+    def on_track(self, track: Track, time: float) -> None:
+        """Log the track at `time` (s)."""
+        self._keep(time - self.left_out)
+        known = track.state != State.NONE
+        self.fused.add(self._time(track.time, time), track.azimuth, math.sqrt(track.azimuth_variance), track.state,
+                       track.resolved, time - track.measured if known else math.nan)
+
+    def on_truth(self, name: str, odometry: Any, arrival: float) -> None:
+        """Log a true pose.
+
+        Parameters:
+            name: of its topic: TRUE_TARGET or TRUE_RIG of `av_bags.topics`.
+            odometry: the message.
+            arrival (s): its time.
+
+        Raises ValueError for a pose that is none, too.
+        """
+        time, position = self._time(to_seconds(odometry.header.stamp), arrival), odometry.pose.pose.position
+        place, attitude = (position.x, position.y, position.z), attitude_of(odometry.pose.pose.orientation)
+        if not all(map(math.isfinite, place)):
+            raise ValueError(f'the position is {place}, expected finite numbers')
+        if name == TRUE_TARGET:
+            self.target.add(time, *place)
+        elif is_orientation(attitude):
+            self.rig.add(time, *place, *attitude)
+        else:
+            raise ValueError(f'the orientation (w, x, y, z) is {attitude}, expected a unit quaternion')
+
+    def _time(self, stamp: float, arrival: float) -> float:
+        """Time (s) in the log of what is stamped `stamp` (s)."""
+        if not abs(stamp - arrival) <= LARGEST_OFFSET_S:
+            raise ValueError(f'stamp is more than {LARGEST_OFFSET_S:g} s off the clock')
+        return stamp - self.left_out
+
+    def _keep(self, event: Event) -> None:
+        if self._keeps_events:
+            self.events.append(event)
 
     def newest(self) -> RunLog:
         """A log of the rows in memory, which takes the same time however long the run is."""

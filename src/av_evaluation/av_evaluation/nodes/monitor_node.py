@@ -22,8 +22,8 @@ from av_common.rig import CAMERAS, camera_topic
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
 from av_common.track_messages import track_of_bearing
+from av_evaluation.metrics.run_log import LARGEST_OFFSET_S, RunLog
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
-from av_evaluation.replay.run_recorder import LARGEST_OFFSET_S, RunRecorder
 from av_evaluation.report.text import format_status
 from av_evaluation.runs.evaluation import describe
 from av_fusion.measurement.converter import MeasurementConverter
@@ -48,7 +48,7 @@ class MonitorNode(RigNode):
         self._settings = self.settings
         self._rotations = TfRotations(self)
         self._converter = MeasurementConverter(self._rotations.rotation)
-        self._recorder = RunRecorder(Path(tempfile.gettempdir()))
+        self._log = RunLog(Path(tempfile.gettempdir()))
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None
@@ -77,10 +77,10 @@ class MonitorNode(RigNode):
 
     def deactivate(self) -> None:
         """Print the figures and write the files of the run."""
-        log, out = self._recorder.log, Path(self._settings.out) if self._settings.out else None
-        print(f'\n{describe(log, out)}', flush=True)
+        out = Path(self._settings.out) if self._settings.out else None
+        print(f'\n{describe(self._log, out)}', flush=True)
         if out is not None:
-            log.save(out)
+            self._log.save(out)
             print(f'chart: {out / "bearing.png"}', flush=True)
 
     def _logs(self) -> bool:
@@ -88,25 +88,25 @@ class MonitorNode(RigNode):
         now, elapsed = self.now(), wall.monotonic()
         (before, then), self._logged = self._logged, (now, elapsed)
         if abs(now - before) > LARGEST_OFFSET_S > elapsed - then:    # the clock was set, or the player of a bag leapt
-            self._recorder.left_out += now - before
+            self._log.left_out += now - before
         return elapsed - self._started < LONGEST_LOG_S
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
         if self._logs():
-            self._recorder.on_doa(self._converter.doa(message), self.now())
+            self._log.on_doa(self._converter.doa(message), self.now())
 
     def _on_detections(self, message: Detection2DArray, camera: str = CAMERAS[0]) -> None:
         self._meters.setdefault(camera_topic(camera, topics.DETECTIONS), RateMeter()).tick()
         measurement = self._converter.detections(message, camera=camera) if self._logs() else None
         if measurement is not None:
-            self._recorder.on_camera(measurement, message, self.now())
+            self._log.on_camera(measurement, message, self.now())
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
         track = track_of_bearing(message)
         if self._logs():
-            self._recorder.on_track(track, self.now())
+            self._log.on_track(track, self.now())
         self._bearings.append(message)
 
     def _on_state(self, message: FusionState) -> None:
@@ -121,7 +121,7 @@ class MonitorNode(RigNode):
 
     def _on_truth(self, name: str, message: Odometry) -> None:
         if self._logs():
-            self._recorder.on_truth(name, message, self.now())
+            self._log.on_truth(name, message, self.now())
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Note what is wrong with the nodes of this rig: all rigs of a network share the topic."""
@@ -147,8 +147,8 @@ class MonitorNode(RigNode):
         """The newest bearing of whose time the truth has come, and that (rad); NaN with the newest bearing where none has."""
         if not self._bearings:
             return None, math.nan
-        truths = self._recorder.log.newest().true_azimuth(
-            [to_seconds(one.header.stamp) - self._recorder.left_out for one in self._bearings])
+        truths = self._log.newest().true_azimuth(
+            [to_seconds(one.header.stamp) - self._log.left_out for one in self._bearings])
         known = [k for k, truth in enumerate(truths) if math.isfinite(truth)]
         newest = known[-1] if known else -1
         return self._bearings[newest], float(truths[newest])

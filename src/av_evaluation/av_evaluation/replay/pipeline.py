@@ -23,7 +23,7 @@ from av_common.rig import Rig, camera_topic
 from av_common.rig_messages import static_transforms
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
-from av_evaluation.replay.run_recorder import RunRecorder
+from av_evaluation.metrics.run_log import RunLog
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
 from av_interfaces.msg import AudioFrame
@@ -44,18 +44,18 @@ class Pipeline:
     Parameters:
         doa, fusion, pointing: the stages.
         detection: those of cameras, by their names.
-        recorder: is given measurements and tracks where fusion is not computed.
+        log: is given measurements and tracks where fusion is not computed.
         converter: converts directions and detections to measurements for it.
         publish: is called with topic (the rig's name), time (s) and message of each result.
-        estimators: further stages that estimate directions, by method, whose most confident ones go to the recorder's log.
+        estimators: further stages that estimate directions, by method, whose most confident ones go to the log.
     """
 
     def __init__(self, doa: DoaStage | None, detection: Mapping[str, DetectionStage], fusion: FusionStage | None,
-                 pointing: PointingStage | None, recorder: RunRecorder, converter: MeasurementConverter,
+                 pointing: PointingStage | None, log: RunLog, converter: MeasurementConverter,
                  publish: Callable[[str, float, Any], None], estimators: Mapping[str, DoaStage]) -> None:
         self._estimators = estimators
         self._doa, self._detection, self._fusion, self._pointing = doa, detection, fusion, pointing
-        self._recorder, self._converter, self._publish = recorder, converter, publish
+        self._log, self._converter, self._publish = log, converter, publish
         self.problems: Counter[str] = Counter()
 
     def advance(self, now: float) -> None:
@@ -116,7 +116,7 @@ class Pipeline:
         for method, stage in self._estimators.items():
             with suppress(ValueError):
                 for directions in stage.on_audio(frame, arrival):
-                    self._recorder.on_other(method, self._converter.doa(transmitted(directions)), arrival)
+                    self._log.on_other(method, self._converter.doa(transmitted(directions)), arrival)
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
@@ -142,13 +142,13 @@ class Pipeline:
         """Take a message when the bearings are recorded ones."""
         camera, kind = names.of_camera(name)
         if name == names.DOA:
-            self._recorder.on_doa(self._converter.doa(message), arrival)
+            self._log.on_doa(self._converter.doa(message), arrival)
         elif kind == names.DETECTIONS:
             measurement = self._converter.detections(message, camera=camera)
             if measurement is not None:
-                self._recorder.on_camera(measurement, message, arrival)
+                self._log.on_camera(measurement, message, arrival)
         elif name == names.BEARING:
-            self._recorder.on_track(track_of_bearing(message), arrival)
+            self._log.on_track(track_of_bearing(message), arrival)
             self._point(message, arrival)
 
     def _publish_sensed(self, name: str, message: Any, arrival: float) -> None:

@@ -27,7 +27,6 @@ from av_common.parameters import check_parameter_file, node_modules, node_parame
 from av_common.rig import CAMERAS, CameraMount, camera_topic, camera_topics, load_rig
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
-from av_evaluation.replay.run_recorder import RunRecorder
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S
 from av_fusion.settings import make_tracker
@@ -99,6 +98,7 @@ class Replay:
 
     Attributes:
         stage: the one of STAGES from which on results are computed.
+        log: truth, measurements, and the bearing.
         frames: the rig's, by the bag and its description.
         notes: what is missing and how it is made up for; after `run` also what could not be used.
         lost: whether messages that were read could not be used.
@@ -123,17 +123,12 @@ class Replay:
         senses = names.DOA, *camera_topics(self._rig.cameras, names.DETECTIONS)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if any(name in found for name in senses) else 'bearing')
-        self._recorder = RunRecorder(keeps_events=keeps_events and self.stage != 'bearing')
+        self.log = RunLog(keeps_events=keeps_events and self.stage != 'bearing')
         self._topics = self._choose(found)
         self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         for file in settings.parameters:
             check_parameter_file(file, [absolute(node, settings.namespace) for node in node_modules()])
         self._build()
-
-    @property
-    def log(self) -> RunLog:
-        """Truth, measurements, and the bearing."""
-        return self._recorder.log
 
     def run(self, out: BagWriter | None = None, progress: Callable[[float], None] | None = None) -> RunLog:
         """Replay. `out` gets what is computed, and of the bag what it rests on but for sound and images.
@@ -160,7 +155,7 @@ class Replay:
         """Begin anew behind a gap (s): nothing is computed in it, and the log leaves it out."""
         self._conclude_stages()
         self._segment = number
-        self._recorder.left_out += gap
+        self.log.left_out += gap
         self._build()
 
     def _take(self, record: BagRecord) -> None:
@@ -171,7 +166,7 @@ class Replay:
             self._publish(name, arrival, message, data)
         if name in TRUTHS:
             try:
-                self._recorder.on_truth(name, message, arrival)
+                self.log.on_truth(name, message, arrival)
             except ValueError as error:
                 self.log.notes[name] = f'poses left out, such as this: {error}'
         elif name != names.FRAMES:
@@ -224,7 +219,7 @@ class Replay:
         self._converter = MeasurementConverter(self.frames.rotation, cameras=models)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
-            self._fusion = make_fusion_stage(fusion, self.frames.rotation, models, self._recorder,
+            self._fusion = make_fusion_stage(fusion, self.frames.rotation, models, self.log,
                                              make_tracker(fusion, rig.gimbal), self._gimbal if rig.gimbal else None,
                                              tuple(rig.cameras))
             self._fusion.converter.optical_frames = rig.optical_frames
@@ -235,7 +230,7 @@ class Replay:
         others = {method: stage for method in self._estimators if (stage := self._doa_stage(method=method)) is not None}
         detection = {camera: self._detection_stage(camera, mount, models[camera]) for camera, mount in rig.cameras.items()
                      if camera_topic(camera, names.IMAGE) in self._topics}
-        self._pipeline = Pipeline(doa, detection, self._fusion, pointing, self._recorder, self._converter, self._publish,
+        self._pipeline = Pipeline(doa, detection, self._fusion, pointing, self.log, self._converter, self._publish,
                                   others)
 
     def _doa_stage(self, **changes: Any) -> DoaStage | None:

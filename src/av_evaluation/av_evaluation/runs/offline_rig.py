@@ -26,7 +26,6 @@ from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline
-from av_evaluation.replay.run_recorder import RunRecorder
 from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations, gimbal_rotations
 from av_fusion.settings import Tracker
 from av_fusion.stage import FusionStage
@@ -73,15 +72,14 @@ class OfflineRig:
         rotation_of = (fixed_rotations(rotations) if history is None
                        else gimbal_rotations(rotations, {'camera': camera.optical_to_body}, history))
         converter = MeasurementConverter(rotation_of, cameras={CAMERAS[0]: camera.model})
-        recorder = RunRecorder(keeps_events=True)
         if detection is not None:
             detection.mount(rotation_of, camera.model)
-        self.log: RunLog = recorder.log
-        self.fusion = FusionStage(tracker, converter, observer=recorder, gimbal=history)
+        self.log = RunLog(keeps_events=True)
+        self.fusion = FusionStage(tracker, converter, observer=self.log, gimbal=history)
         self.hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
         others = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
         seeing = {} if detection is None else {CAMERAS[0]: detection}
-        self._pipeline = Pipeline(self.hearing, seeing, self.fusion, None, recorder, converter, self._publish, others)
+        self._pipeline = Pipeline(self.hearing, seeing, self.fusion, None, self.log, converter, self._publish, others)
         self._heard = 0  # samples
 
     def on_samples(self, samples: NDArray, sample_rate: int, arrival: float) -> None:
