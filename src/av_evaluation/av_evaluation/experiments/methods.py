@@ -18,11 +18,12 @@ from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.metrics.metrics import TAU
-from av_evaluation.metrics.run_log import OWN_METHOD, Event, RunLog, Series
+from av_evaluation.metrics.run_log import Event, RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis, usable_doas
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import TRACKERS, Tracker, make_tracker
 
+OWN_METHOD = 'ml'  # the rig's own estimator of directions
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
 ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}
@@ -123,10 +124,8 @@ def track(method: str, log: RunLog) -> Series:
 
 def _directions(method: str, log: RunLog) -> list[DoaMeasurement]:
     """Directions of arrival that a method uses; a bag without sound holds those of the rig's own estimator only."""
-    own = log.doa.get(OWN_METHOD, [])
-    if is_tracker(method):
-        return log.doa.get(ESTIMATORS.get(method, OWN_METHOD), own)
-    return log.doa.get(ESTIMATORS.get(method, method), [])
+    own = [event[0] for event in log.events if isinstance(event, list) and event] if is_tracker(method) else []
+    return log.doa.get(ESTIMATORS.get(method, method), own)
 
 
 def _resolved(directions: list[DoaMeasurement], log: RunLog) -> list[DoaMeasurement]:

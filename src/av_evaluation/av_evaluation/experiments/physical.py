@@ -7,6 +7,7 @@ measured responses of a head at the labelled azimuths. The lens is covered for a
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -33,21 +34,6 @@ VIDEO_HZ = 30.0
 CAMERA = CameraMount(width=640, height=512)  # pixels of the clips
 COVERED = (0.3, 0.85)  # share of a clip
 CUT = math.radians(5.0)  # a larger step of the label between two frames is a cut: some clips are spliced
-
-
-def stand_still(rig: OfflineRig, time: float, true_azimuth: float) -> None:
-    """Let time pass for a rig that stands at the origin.
-
-    Parameters:
-        rig: the rig.
-        time (s): until then.
-        true_azimuth (rad): of the target at that time.
-    """
-    state = VehicleState(time, np.zeros(3))
-    rig.log.rig.add(time, *state.position, *state.attitude_wxyz)
-    rig.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
-    rig.on_state(state)
-    rig.advance(time)
 
 
 def detection_stage(model: str, camera_kind: str = 'visible') -> DetectionStage:
@@ -81,7 +67,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
     voice = load_clip(_recording(data, clip), rate)
     sound = with_own_noise(moving_through(voice, truth, azimuths, responses, rate))
     rig = OfflineRig(array, MultiTargetTracker(), CAMERA, detection=detection_stage(model), estimators=estimators)
-    per_frame = round(rate / VIDEO_HZ)
+    per_frame, standing = round(rate / VIDEO_HZ), VehicleState(0.0, np.zeros(3))    # at the origin
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
@@ -94,7 +80,10 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...], model: str = '') 
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
             rig.on_image(np.zeros_like(image) if covered else image.astype(np.uint8, copy=False), now, now)
-        stand_still(rig, now, float(azimuth))
+        rig.log.rig.add(now, *standing.position, *standing.attitude_wxyz)
+        rig.log.target.add(now, 10.0 * math.cos(azimuth), 10.0 * math.sin(azimuth), 0.0)
+        rig.on_state(replace(standing, time=now))
+        rig.advance(now)
     if not len(rig.log.fused):
         raise OSError(f'{clip}: no image can be read')
     return rig.log, [

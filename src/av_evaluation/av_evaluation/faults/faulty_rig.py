@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from types import SimpleNamespace
+from typing import Any
 
 from std_msgs.msg import Header
 
@@ -14,8 +15,7 @@ from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
 from av_evaluation.experiments.measurement_simulation import LEFT, MeasurementSimulation, Scan
 from av_fusion.consistency.monitor import ConsistencyMonitor
-from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.measurement.measurements import Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, FusionStage
@@ -55,23 +55,6 @@ class Faults:
     stuck: bool = False
 
 
-class _Message(NamedTuple):
-    """A measurement with the header of its message."""
-
-    header: Header
-    measured: CameraMeasurement | tuple[DoaMeasurement, ...]
-
-
-class _Converter:
-    """In the place of a `MeasurementConverter`: what is drawn is measured already."""
-
-    def doa(self, message: _Message, _odds: tuple[float, ...]) -> object:
-        return message.measured
-
-    def detections(self, message: _Message, _visibility: float, _searched: float, _camera: str) -> object:
-        return message.measured
-
-
 class FaultyRig:
     """A fusion stage fed with the measurements of a level rig, with its faults.
 
@@ -87,7 +70,10 @@ class FaultyRig:
         self._simulation, self._faults = simulation, faults
         tracker = make_tracker(node_parameters('av_fusion', 'fusion_node'))
         self.monitor = ConsistencyMonitor(tracker.motion)
-        self._stage = FusionStage(tracker, cast('MeasurementConverter', _Converter()), consistency=self.monitor)
+        # In the place of messages and a `MeasurementConverter`: what is drawn is measured already.
+        converter: Any = SimpleNamespace(doa=lambda message, *_: message.measured,
+                                         detections=lambda message, *_: message.measured)
+        self._stage = FusionStage(tracker, converter, consistency=self.monitor)
         self._bearings: list[Bearing] = []
 
     def steps(self) -> Iterator[float]:
@@ -124,7 +110,7 @@ class FaultyRig:
         rate = 0.0 if wrong.stuck else wrong.yaw_sign * (yaw(time + 1e-3) - yaw(time)) / 1e-3
         return Pose.level(time, yaw(0.0) if wrong.frozen or wrong.stuck else wrong.yaw_sign * yaw(time), rate)
 
-    def _sound(self, scan: Scan) -> _Message:
+    def _sound(self, scan: Scan) -> Any:
         """The directions of a window, of a pair with the faults of its microphones."""
         wrong, measured = self._faults, list[DoaMeasurement]()
         for doa in scan.doas:
@@ -133,15 +119,15 @@ class FaultyRig:
                 cone = Cone(LEFT, min(max(cosine, -1.0), 1.0), doa.cone.variance)
                 doa = DoaMeasurement.of_cone(doa.time, cone, doa.confidence, doa.window)
             measured.append(doa)
-        return _Message(Header(stamp=to_stamp(scan.time)), tuple(measured))
+        return SimpleNamespace(header=Header(stamp=to_stamp(scan.time)), measured=tuple(measured))
 
-    def _image(self, scan: Scan) -> _Message:
+    def _image(self, scan: Scan) -> Any:
         """The detections of an image, with the faults of the camera, whose description is turned."""
         wrong, time = self._faults, scan.time + self._faults.late
         c, s = math.cos(math.radians(wrong.camera_yaw_deg)), math.sin(math.radians(wrong.camera_yaw_deg))
         image = scan.image._replace(time=time, detections=tuple(map(self._displaced, scan.image.detections)),
                                     view=((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
-        return _Message(Header(stamp=to_stamp(time)), image)
+        return SimpleNamespace(header=Header(stamp=to_stamp(time)), measured=image)
 
     def _displaced(self, found: Detection) -> Detection:
         """Where a detection is by what is told of the camera; the image has the tangents of its angles."""

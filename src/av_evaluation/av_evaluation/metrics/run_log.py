@@ -24,7 +24,6 @@ from av_fusion.measurement.rig_motion import Pose
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
 LARGEST_OFFSET_S = 60.0    # of a stamp from its arrival: the figures take memory by the log's span of time
-OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
 Event = Pose | list[DoaMeasurement] | CameraMeasurement | float
 
@@ -101,13 +100,12 @@ class RunLog:
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
         notes: on the origin of the data, by topic.
         tracks: how well all targets are tracked, of simulated runs with several; None for others.
-        doa: most confident direction of arrival of each window by estimator, of runs that are kept for other methods.
+        doa: most confident direction of arrival of each window by other estimators, in runs that are kept for them.
         events: poses, windows of sound, camera measurements, and times (s) at which the track was asked for, of such runs.
         left_out (s): time between segments of a bag, which is left out of the times of what is observed.
 
     Parameters:
-        folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory, with the
-            directions by estimator.
+        folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory.
         keeps_events: whether `events` gets what the tracker is given, for other trackers.
     """
 
@@ -122,7 +120,7 @@ class RunLog:
         self.doa: dict[str, list[DoaMeasurement]] = {}
         self.events: list[Event] = []
         self.left_out = 0.0
-        self._keeps_doa, self._keeps_events = folder is None, keeps_events
+        self._keeps_events = keeps_events
 
     def on_pose(self, pose: Pose) -> None:
         """Keep a pose."""
@@ -132,8 +130,6 @@ class RunLog:
         """Log the most confident measurement of a window."""
         logged = [doa._replace(time=self._time(doa.time, arrival)) for doa in measurements]
         self._keep(usable_doas(logged))
-        if self._keeps_doa:
-            self.doa.setdefault(OWN_METHOD, []).extend(logged[:1])
         for doa in logged[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
             self.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan, doa.confidence,
