@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.camera_effects import FOG_SHARE
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Appearance, Box, Drone, TruthBox, View, appearance, outline, reported, rotor_hubs, score
+
+Visible = tuple[Box, float] | None  # box (px) of what is visible of a drone, and the share (0 to 1) of that; None of nothing
 
 
 class Oracle:
@@ -30,48 +33,37 @@ class Oracle:
         """Boxes of the visible drones in a view."""
         return reported(self.look(view, drone) for drone in view.drones)
 
-    def look(self, view: View, drone: Drone) -> TruthBox:
-        """How a drone appears in a view; the visible fraction is that of points on the drone."""
+    def look(self, view: View, drone: Drone, visible: Callable[[Appearance], Visible] | None = None) -> TruthBox:
+        """How a drone appears in a view.
+
+        Parameters:
+            view: pose of the camera, air and light.
+            drone: the drone.
+            visible: gives what is visible of it in a rendered image; without one, that of points on it.
+        """
+        transmission = view.atmosphere.transmission(view.position, drone.position)
+        seen = appearance(self._camera, view, drone)
+        shown = None if seen is None else (visible or partial(self._visible, view, drone))(seen)
+        if seen is None or shown is None:
+            return TruthBox(drone.target_id, None, 0.0, transmission)
+        box, share = shown
+        if self._thermal:    # more of the heat passes the air than of the light
+            left = max(transmission, 1e-9) ** (FOG_SHARE - 1.0)
+        else:                # an image that is too dark or overexposed has less contrast
+            light = view.daylight * view.exposure
+            left = min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0)
+        value = score(seen.width_px, transmission * left, share * seen.in_view)
+        return TruthBox(drone.target_id, box, share, transmission, value)
+
+    def _visible(self, view: View, drone: Drone, seen: Appearance) -> Visible:
         points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])
         points = np.concatenate([points, 0.5 * (points[1:] + drone.position)])
-
-        def visible(seen: Appearance) -> tuple[Box, float] | None:
-            hidden = self._solids.hide(view.position, points)
-            if hidden.all():
-                return None
-            if not hidden.any():
-                return seen.box, 1.0
-            pixels = self._camera.project(view.to_optical(points[~hidden]))
-            low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
-            return (float(low[0]), float(low[1]), float(high[0]), float(high[1])), 1.0 - float(hidden.mean())
-
-        return look_of(self._camera, view, drone, visible, self._thermal)
-
-
-def look_of(camera: PinholeCamera, view: View, drone: Drone, visible: Callable[[Appearance], tuple[Box, float] | None],
-            thermal: bool = False) -> TruthBox:
-    """How a drone appears in a view.
-
-    Parameters:
-        camera: intrinsics.
-        view: pose of the camera, air and light.
-        drone: the drone.
-        visible: gives the box (px) of its visible part, and the share (0 to 1) of that; None where it is hidden.
-        thermal: whether the camera sees heat.
-    """
-    transmission = view.atmosphere.transmission(view.position, drone.position)
-    seen = appearance(camera, view, drone)
-    shown = None if seen is None else visible(seen)
-    if seen is None or shown is None:
-        return TruthBox(drone.target_id, None, 0.0, transmission)
-    box, share = shown
-    if thermal:    # more of the heat passes the air than of the light
-        left = max(transmission, 1e-9) ** (FOG_SHARE - 1.0)
-    else:          # an image that is too dark or overexposed has less contrast
-        light = view.daylight * view.exposure
-        left = min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0)
-    value = score(seen.width_px, transmission * left, share * seen.in_view)
-    return TruthBox(drone.target_id, box, share, transmission, value)
+        hidden = self._solids.hide(view.position, points)
+        if hidden.all():
+            return None
+        pixels = self._camera.project(view.to_optical(points[~hidden]))
+        low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1])), 1.0 - float(hidden.mean())
 
 
 class Solids:

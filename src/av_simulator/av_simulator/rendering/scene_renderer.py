@@ -30,9 +30,9 @@ from av_simulator.rendering.camera_effects import (
     apparent_temperature,
 )
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
-from av_simulator.rendering.oracle import look_of
+from av_simulator.rendering.oracle import Oracle, Visible
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import Appearance, Box, Drone, RenderedImage, View, appearance
+from av_simulator.rendering.view import Appearance, Drone, RenderedImage, View, appearance
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
@@ -64,7 +64,7 @@ class SceneRenderer:
         self._camera, self._everything, self._air_c = camera, everything, air_c
         self._thermal_camera = ThermalCamera(camera.width, camera.height, palette, seed) if palette else None
         self._effects = CameraEffects(camera.width, camera.height, seed)
-        self._lens = _Lens(camera)
+        self._lens, self._oracle = _Lens(camera), Oracle(camera, (), bool(palette))
         solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
         xml, assets = build(solids, scene.ground, scene.sky, drones, self._lens.size, self._lens.fovy_deg, seed)
         mujoco = self._mujoco
@@ -111,8 +111,8 @@ class SceneRenderer:
             image = self._thermal_camera.picture(thermal, view)
         else:
             image = self._effects.apply(_veiled(bgr, optical_depth), view)
-        truth = [look_of(self._camera, view, drone, partial(self._visible, view, number, drone, depth),
-                         self._thermal_camera is not None) for number, drone in enumerate(view.drones)]
+        truth = [self._oracle.look(view, drone, partial(self._visible, view, number, drone, depth))
+                 for number, drone in enumerate(view.drones)]
         segmentation = None if identities is None else self._owner[identities]
         return RenderedImage(image, truth, depth, segmentation, thermal)
 
@@ -176,7 +176,7 @@ class SceneRenderer:
                 order[geom.segid + 1] = geom.objid
         return order[value]
 
-    def _visible(self, view: View, number: int, drone: Drone, depth: NDArray, where: Appearance) -> tuple[Box, float] | None:
+    def _visible(self, view: View, number: int, drone: Drone, depth: NDArray, where: Appearance) -> Visible:
         """Box and share of the pixels of a drone that nothing hides; None without any."""
         window = where.window(margin=2)
         alone = np.zeros(6, int)

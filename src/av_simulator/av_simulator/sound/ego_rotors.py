@@ -12,6 +12,9 @@ from av_common.config_reader import bounded
 from av_simulator.sound.delays import AFTER, BEFORE, interpolate
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.stream import CHUNK, Stream
+from av_simulator.trajectories import Static
+
+HOVERING = Static((0.0, 0.0, 0.0))  # the rotors' speeds do not follow the motion of the rig
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class EgoRotors:
             raise ValueError(f'ego rotors: microphones have shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
         away = np.asarray(self.rotors, float)[:, None] - np.asarray(self.microphones, float)
         distance = np.maximum(np.linalg.norm(away, axis=-1), 0.05)[..., None]  # (rotors, m, 1)
-        signals = [self._signal_of(number).stream(sample_rate, [*key, number], _at_rest) for number in range(len(self.rotors))]
+        signals = [self._signal_of(number).stream(sample_rate, [*key, number], HOVERING) for number in range(len(self.rotors))]
         delay = distance * (sample_rate / speed_of_sound)
         reach = int(delay.max()) + BEFORE + 2
         places = np.arange(CHUNK) + reach - delay
@@ -65,7 +68,3 @@ class EgoRotors:
         share_db = 10.0 * np.log10(len(self.rotors))
         return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],),
                        tone_db_spl=self.signal.tone_db_spl - share_db, broadband_db_spl=self.signal.broadband_db_spl - share_db)
-
-
-def _at_rest(times: NDArray) -> NDArray:
-    return np.zeros((len(times), 3))
