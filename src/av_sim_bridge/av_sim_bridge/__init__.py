@@ -3,6 +3,6 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'stage': 'BridgeSettings BridgeStage make_bridge_stage',
+    'stage': 'BridgeStage make_bridge_stage',
     'vehicle': 'VehicleState',
 })

@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 from nav_msgs.msg import Odometry
-from vision_msgs.msg import Detection2DArray
 
 from av_audio.messages import audio_frame
-from av_audio.ring_buffer import RingBuffer
 from av_common.frames import BASE_FRAME, MAP_FRAME, frd_to_flu
 from av_common.freshness import FreshInput, Instant
-from av_common.rig import Rig, load_rig
+from av_common.rig import Rig, camera_topic, load_rig
 from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_seconds
-from av_interfaces.msg import AudioFrame, PointingCommand
+from av_interfaces.msg import PointingCommand
 from av_sim_bridge import messages
-from av_sim_bridge.receiving.common_clock import CommonClock, OneSender, Sender
-from av_sim_bridge.receiving.streams import AudioStream, CaptureStamps, ImageStream, StampedImage, StateStream
+from av_sim_bridge.receiving.allowed_senders import Sender
+from av_sim_bridge.receiving.common_clock import CommonClock, OneSender
+from av_sim_bridge.receiving.streams import AudioStream, ImageStream
 from av_sim_bridge.vehicle import from_truth, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.gimbal import decode_gimbal
@@ -38,135 +36,95 @@ from av_vision.image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
-LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
-RING_BUFFER_BYTES = 200_000    # between `on_audio` and `read_audio`: 1 s of two channels
 Output = tuple[str, Any]    # topic and message
-
-
-@dataclass(frozen=True)
-class BridgeSettings:
-    """Number of targets, and options of the topics.
-
-    Parameters:
-        targets: number of targets, whose numbers are consecutive from `FIRST_TARGET` on.
-        follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
-        oracle_detections: whether the visual oracle's reports become `detections`.
-    """
-
-    targets: int = 1
-    follow_odometry: bool = False
-    oracle_detections: bool = False
-
-    @property
-    def target_topics(self) -> dict[int, str]:
-        """Topic of each target's true state, by the target's number."""
-        others = range(FIRST_TARGET + 1, FIRST_TARGET + self.targets)
-        return {FIRST_TARGET: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
 
 
 class BridgeStage:
     """The streams of one simulator and one rig. All streams share the sender's clock, so that their stamps agree.
 
-    The method of each stream must be called by one thread only, `on_truth` by one for each vehicle; `read_audio` and `decode_*`
-    may run in other threads.
-    `rig` is the rig's description, `target_topics` maps the number of each target to the topic of its true state.
+    The method of each stream must be called by one thread only, `on_truth` by one for each vehicle.
+
+    Attributes:
+        rig: see below.
+        target_topics: topic of each target's true state, by the target's number.
 
     Parameters:
         rig: description of the rig: microphones, camera and frames.
         layout: format of the samples in audio datagrams.
-        settings: number of targets, and options of the topics.
+        targets: number of targets, whose numbers are consecutive from `FIRST_TARGET` on.
+        follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
+        oracle_detections: whether the visual oracle's reports become `detections`.
     """
 
-    def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
-        self.rig, self._layout, self._settings = rig, layout, settings
+    def __init__(self, rig: Rig, layout: AudioFormat, targets: int = 1, follow_odometry: bool = False,
+                 oracle_detections: bool = False) -> None:
+        self.rig, self._layout = rig, layout
+        self._follows, self._oracle = follow_odometry, oracle_detections
         self._clock = CommonClock()
-        self._ring = RingBuffer(layout.channels, RING_BUFFER_BYTES, layout.dtype)
-        stamps = CaptureStamps()
-        self._audio = AudioStream(layout, self._ring, self._clock)
+        self._audio = AudioStream(layout, self._clock)
         self._most_pixels = 2 * max(each.width * each.height for each in rig.cameras.values())
         most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
-        self._images = {camera: ImageStream(self._clock, stamps, f'image {camera}', most_bytes) for camera in rig.cameras}
-        self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
-        self.target_topics = settings.target_topics
-        names = {RIG: 'rig_truth'} | {
-            number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
-        self._truth = {number: StateStream(self._clock, name) for number, name in names.items()}
-        self._imu, self._gimbal = StateStream(self._clock, 'imu'), StateStream(self._clock, 'gimbal')
+        self._images = {name: ImageStream(self._clock, f'image {name}', most_bytes) for name in (*rig.cameras, 'depth')}
+        others = range(FIRST_TARGET + 1, FIRST_TARGET + targets)
+        self.target_topics = {FIRST_TARGET: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
         self._time_sync, self._time_sync_offset = OneSender('time_sync'), math.nan    # s, of this machine's time
         self._sequence = 0
         self._commanded = FreshInput()
         self.contested: Mapping[str, list[str]] = {}  # publishers of the commands where there are several
         self._unusable_odometry = self._unusable_commands = 0
 
-    def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Store samples for `read_audio`."""
-        self._audio.take(datagram, arrival, sender)
+    def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
+        """The messages of the samples that are complete after a datagram."""
+        return [('audio/frames', audio_frame(self._layout.to_float(block.samples), block.first_sample, self._layout.sample_rate,
+                                             messages.make_header(time, self.rig.array.frame)))
+                for block, time in self._audio.take(datagram, arrival, sender)]
 
-    def read_audio(self, timeout: float = 0.0) -> AudioFrame | None:
-        """The oldest stored samples, None if there are none within `timeout` (s)."""
-        if not self._ring.wait(timeout):
-            return None
-        first, samples = self._ring.read(LONGEST_BLOCK)
-        if not len(samples):
-            return None
-        header = messages.make_header(self._audio.stamp(first), self.rig.array.frame)
-        return audio_frame(self._layout.to_float(samples), first, self._layout.sample_rate, header)
+    def on_image(self, datagram: bytes, arrival: float, sender: Sender, camera: str = 'camera') -> list[Output]:
+        """The messages of a complete image of one of the rig's cameras and of its calibration, scaled to the image's size.
 
-    def on_image(self, datagram: bytes, arrival: float, sender: Sender,
-                 camera: str = 'camera') -> StampedImage | Detection2DArray | None:
-        """A complete image of one of the rig's cameras, still encoded, or the oracle's detections; None while incomplete."""
-        result = self._images[camera].take(datagram, arrival, sender)
-        if result is None or isinstance(result, StampedImage):
-            return result
-        if not self._settings.oracle_detections:
-            return None
-        boxes, stamp = result
-        return messages.oracle_detections_message(messages.make_header(stamp, self.rig.cameras[camera].optical_frame), boxes)
-
-    def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
-        """A complete depth image, still encoded; None while incomplete."""
-        result = self._depths.take(datagram, arrival, sender)
-        return result if isinstance(result, StampedImage) else None
-
-    def decode_image(self, stamped: StampedImage, camera: str = 'camera') -> list[Output]:
-        """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable.
-
-        Images of a thermal camera are grey (mono8), or 16-bit PNGs of raw counts (mono16).
+        Or the oracle's detections; none while the image is incomplete. Images of a thermal camera are grey (mono8), or 16-bit
+        PNGs of raw counts (mono16). Raises ValueError for one that cannot be decoded.
         """
-        mount = self.rig.cameras[camera]
+        mount, taken = self.rig.cameras[camera], self._images[camera].take(datagram, arrival, sender)
+        if taken is None:
+            return []
+        content, stamp = taken
+        header = messages.make_header(stamp, mount.optical_frame)
+        if isinstance(content, list):
+            detections = messages.oracle_detections_message(header, content)
+            return [(camera_topic(camera, 'detections'), detections)] if self._oracle else []
         flags = cv2.IMREAD_COLOR if mount.kind == 'visible' else cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-        pixels = decode_image(stamped.image.data, flags, self._most_pixels)
-        header = messages.make_header(stamped.stamp, mount.optical_frame)
+        pixels = decode_image(content.data, flags, self._most_pixels)
         height, width = pixels.shape[:2]
         calibration = camera_info_message(header, mount.model.scaled(width, height))
-        image = messages.camera_image_message(header, pixels)
-        return [(f'{camera}/image_raw', image), (f'{camera}/camera_info', calibration)]
+        return [(f'{camera}/image_raw', messages.camera_image_message(header, pixels)), (f'{camera}/camera_info', calibration)]
 
-    def decode_depth(self, stamped: StampedImage) -> list[Output]:
-        """The message of a depth image. Raises ValueError if it is not a 16-bit PNG."""
-        header = messages.make_header(stamped.stamp, self.rig.camera.optical_frame)
-        depth = messages.decode_depth(stamped.image.data, self._most_pixels)
-        return [('camera/depth/image_raw', image_message(header, depth))]
+    def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
+        """The message of a complete depth image; none while incomplete. Raises ValueError if it is not a 16-bit PNG."""
+        image, stamp = self._images['depth'].take(datagram, arrival, sender) or ([], 0.0)
+        if isinstance(image, list):
+            return []
+        depth = messages.decode_depth(image.data, self._most_pixels)
+        return [('camera/depth/image_raw', image_message(messages.make_header(stamp, self.rig.camera.optical_frame), depth))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number, or for an old state."""
         truth = decode_truth(datagram)
-        stream = self._truth.get(truth.copter_id)
-        stamp = None if stream is None else stream.date(truth.time, arrival, sender)
+        topic = 'truth/rig' if truth.copter_id == RIG else self.target_topics.get(truth.copter_id)
+        if topic is None:
+            return []
+        name = topic.removeprefix('truth/')
+        stamp = self._clock.date_state(f'{name}_truth', sender, truth.time, arrival)
         if stamp is None:
             return []
-        header, state = messages.make_header(stamp, MAP_FRAME), from_truth(truth)
-        if truth.copter_id == RIG:
-            message = messages.odometry_message(header, BASE_FRAME, state)
-            topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
-            return [(topic, message) for topic in topics]
-        topic = self.target_topics[truth.copter_id]
-        return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state))]
+        message = messages.odometry_message(
+            messages.make_header(stamp, MAP_FRAME), BASE_FRAME if name == 'rig' else name, from_truth(truth))
+        return [(each, message) for each in (['odometry', topic] if name == 'rig' and not self._follows else [topic])]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of an inertial measurement of the rig; none for an old one."""
         sample = decode_imu(datagram)
-        stamp = self._imu.date(sample.time, arrival, sender)
+        stamp = self._clock.date_state('imu', sender, sample.time, arrival)
         if stamp is None:
             return []
         header = messages.make_header(stamp, BASE_FRAME)
@@ -175,17 +133,18 @@ class BridgeStage:
     def on_gimbal(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of the gimbal's measured orientation; none for a rig without a gimbal, or for an old one."""
         sample = decode_gimbal(datagram)
-        stamp = self._gimbal.date(sample.time, arrival, sender)
+        stamp = self._clock.date_state('gimbal', sender, sample.time, arrival)
         if stamp is None or self.rig.gimbal is None:
             return []
         return [('gimbal/state', gimbal_message(self.rig.gimbal.frame, stamp, sample.orientation_wxyz, sample.variance,
                                                 measured=True))]
 
-    def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Update the offset between the simulator's clock and this machine's."""
+    def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
+        """Update the offset between the simulator's clock and this machine's; no messages."""
         self._time_sync.check(sender, arrival)
         self._time_sync_offset = arrival - decode_time_sync(datagram).now_ms / 1000.0
         self._time_sync.note(sender, arrival)
+        return []
 
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
         """The datagram of a pointing command for the simulator's control port.
@@ -204,7 +163,7 @@ class BridgeStage:
         possible = abs(command.yaw_rate) <= MOST_YAW_RATE
         self._unusable_commands += command.move_body and not possible
         rate = command.yaw_rate if fresh and possible else 0.0
-        body = command.move_body and not self._settings.follow_odometry
+        body = command.move_body and not self._follows
         gimbal = fresh and command.move_gimbal and abs(command.pan) <= MOST_ANGLE and abs(command.tilt) <= MOST_ANGLE
         return encode_rig_control(RigControl(
             self._sequence, command.mode, rate if body else None,
@@ -222,10 +181,9 @@ class BridgeStage:
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
-        audio, assemblers = self._audio.decoder.counts, [each.assembler for each in (*self._images.values(), self._depths)]
+        audio, incomplete = self._audio.decoder.counts, sum(each.assembler.incomplete for each in self._images.values())
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
-                'audio restarts': audio.restarts, 'audio overwritten frames': self._ring.overwritten,
-                'image lost': sum(each.incomplete for each in assemblers), 'odometry unusable': self._unusable_odometry,
+                'audio restarts': audio.restarts, 'image lost': incomplete, 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync_offset,
                 'audio blocks undated': self._audio.undated} | self._clock.counts
@@ -240,5 +198,4 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
         raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
     rig = load_rig(parameters.rig_file)
     layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels)
-    return BridgeStage(rig, layout, BridgeSettings(
-        parameters.targets, parameters.follow_odometry, parameters.oracle_detections))
+    return BridgeStage(rig, layout, parameters.targets, parameters.follow_odometry, parameters.oracle_detections)

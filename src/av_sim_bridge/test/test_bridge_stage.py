@@ -12,15 +12,12 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 
-from vision_msgs.msg import Detection2DArray
-
 from av_common.freshness import Instant
 from av_common.rig import GimbalMount, load_rig
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import GimbalState, PointingCommand
 from av_sim_bridge.messages import make_header, odometry_message
-from av_sim_bridge.receiving.streams import StampedImage
-from av_sim_bridge.stage import BridgeSettings, BridgeStage
+from av_sim_bridge.stage import BridgeStage
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.error import UndatedError, WireError
@@ -36,10 +33,12 @@ RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
 EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
 SENDER = ('127.0.0.1', 50_000)
 BLOCK, RATE = 1600, 48_000
+PICTURE = cv2.imencode('.png', np.zeros((2, 2, 3), np.uint8))[1].tobytes()
+DEPTH = cv2.imencode('.png', np.zeros((2, 2), np.uint16))[1].tobytes()
 
 
 def make_stage(rig='rig', **settings):
-    return BridgeStage(load_rig(RIG.with_name(f'{rig}.yaml')), AudioFormat(), BridgeSettings(**settings))
+    return BridgeStage(load_rig(RIG.with_name(f'{rig}.yaml')), AudioFormat(), **settings)
 
 
 def delays(count, rng):
@@ -60,8 +59,7 @@ def test_stamps_of_sound_are_capture_times(rng, header):
     for number, delay in enumerate(late):
         begin = number * BLOCK / RATE
         datagram = encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1), AudioHeader(number, BLOCK, begin) if header else None)
-        stage.on_audio(datagram, EPOCH + begin + BLOCK / RATE + delay, SENDER)
-        while (message := stage.read_audio()) is not None:
+        for _, message in stage.on_audio(datagram, EPOCH + begin + BLOCK / RATE + delay, SENDER):
             assert message.header.frame_id == 'microphones' and message.sample_rate == RATE
             errors.append(to_seconds(message.header.stamp) - EPOCH - message.first_sample / RATE)
     assert len(errors) == 100
@@ -74,10 +72,11 @@ def test_image_calibration_and_oracle_carry_one_stamp(rng):
     for number, delay in enumerate(delays(20, rng)):
         results = [stage.on_image(datagram, EPOCH + number / 30 + delay + 0.002 * part, SENDER)
                    for part, datagram in enumerate(encode_image(EncodedImage(number / 30, data)))]
-        assert len(results) > 1 and all(result is None for result in results[:-1])
-        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + number / 30 + 0.2, SENDER)
-        assert isinstance(results[-1], StampedImage) and isinstance(report, Detection2DArray)
-        image, info = (message for _, message in stage.decode_image(results[-1]))
+        assert len(results) > 1 and not any(results[:-1])
+        boxes = encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)])
+        (topic, report), = stage.on_image(boxes, EPOCH + number / 30 + 0.2, SENDER)
+        image, info = (message for _, message in results[-1])
+        assert topic == 'detections' and [name for name, _ in results[-1]] == ['camera/image_raw', 'camera/camera_info']
         assert image.header == info.header == report.header and (info.width, info.height) == (320, 240)
         assert to_seconds(image.header.stamp) - EPOCH == pytest.approx(number / 30, abs=6e-3)
         assert (report.detections[0].id, report.detections[0].results[0].hypothesis.class_id) == ('oracle', 'drone')
@@ -89,8 +88,7 @@ def test_sound_without_header_goes_on_when_a_long_delay_ends(rng):
     late[100:170] += 0.1
     arrivals = EPOCH + np.maximum.accumulate((np.arange(300) + 1) * BLOCK / RATE + late)
     for number, arrival in enumerate(arrivals):
-        stage.on_audio(encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1)), arrival, SENDER)
-        while (message := stage.read_audio()) is not None:
+        for _, message in stage.on_audio(encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1)), arrival, SENDER):
             published.append((to_seconds(message.header.stamp) - EPOCH - number * BLOCK / RATE, message.first_sample))
     assert len(published) == 300 and stage.counts()['audio blocks undated'] == 0
     assert max(abs(error) for error, _ in published[180:]) < 5e-3
@@ -103,10 +101,10 @@ def test_boxes_that_come_twice_or_without_their_image_are_left_out():
     for number in range(30):
         time = number / 15
         if number % 7:    # each seventh image is lost
-            stage.on_image(encode_image(EncodedImage(time, b'data'))[0], EPOCH + time, SENDER)
+            stage.on_image(encode_image(EncodedImage(time, PICTURE))[0], EPOCH + time, SENDER)
         for _ in range(1 + (number % 5 == 0)):
-            report = stage.on_image(encode_oracle([]), EPOCH + time + 0.001, SENDER)
-            reported += [] if report is None else [to_seconds(report.header.stamp) - EPOCH]
+            reports = stage.on_image(encode_oracle([]), EPOCH + time + 0.001, SENDER)
+            reported += [to_seconds(report.header.stamp) - EPOCH for _, report in reports]
     assert reported == pytest.approx([number / 15 for number in range(30) if number % 7], abs=1e-3)
 
 
@@ -118,9 +116,9 @@ def test_boxes_of_a_restarted_simulator_wait_for_its_first_dated_image(port):
         begun, sender = (0, SENDER) if number < 60 else (100, (SENDER[0], port))
         arrival, time = number / 30 + 2.0 * (number >= 60), (number - begun) / 30 + 5.0
         with contextlib.suppress(UndatedError):
-            stage.on_image(encode_image(EncodedImage(time, b'data'))[0], EPOCH + arrival, sender)
-        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + arrival + 0.001, sender)
-        if report is not None:
+            stage.on_image(encode_image(EncodedImage(time, PICTURE))[0], EPOCH + arrival, sender)
+        boxes = encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)])
+        for _, report in stage.on_image(boxes, EPOCH + arrival + 0.001, sender):
             stamps.append(to_seconds(report.header.stamp))
             assert stamps[-1] == pytest.approx(EPOCH + arrival, abs=0.01)
     assert len(stamps) > 150 and np.diff(stamps).min() > 0.0
@@ -128,8 +126,8 @@ def test_boxes_of_a_restarted_simulator_wait_for_its_first_dated_image(port):
 
 def test_the_oracle_is_silent_unless_asked_for():
     stage = make_stage()
-    stage.on_image(encode_image(EncodedImage(0.0, b'data'))[0], EPOCH, SENDER)
-    assert stage.on_image(encode_oracle([]), EPOCH, SENDER) is None
+    stage.on_image(encode_image(EncodedImage(0.0, PICTURE))[0], EPOCH, SENDER)
+    assert stage.on_image(encode_oracle([]), EPOCH, SENDER) == []
 
 
 def test_each_of_two_cameras_has_topics_and_a_frame_of_its_own(rng):
@@ -139,9 +137,9 @@ def test_each_of_two_cameras_has_topics_and_a_frame_of_its_own(rng):
     topics, messages = [], []
     for camera, image in (('camera', seen), ('second_camera', counts)):
         encoded = EncodedImage(2.0, cv2.imencode('.png', image)[1].tobytes())
-        *_, stamped = [stage.on_image(datagram, EPOCH + 2.0, SENDER, camera) for datagram in encode_image(encoded)]
-        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + 2.0, SENDER, camera)
-        outputs = stage.decode_image(stamped, camera)
+        *_, outputs = [stage.on_image(datagram, EPOCH + 2.0, SENDER, camera) for datagram in encode_image(encoded)]
+        boxes = encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)])
+        (_, report), = stage.on_image(boxes, EPOCH + 2.0, SENDER, camera)
         topics += [topic for topic, _ in outputs]
         messages.append([message for _, message in outputs])
         assert {message.header.frame_id for message in messages[-1]} == {report.header.frame_id}
@@ -152,7 +150,7 @@ def test_each_of_two_cameras_has_topics_and_a_frame_of_its_own(rng):
     assert thermal.header.stamp == colour.header.stamp and (info.width, info.height) == (320, 256)
     np.testing.assert_array_equal(image_from_message(thermal), counts)
     grey = cv2.imencode('.jpg', np.full((256, 320), 90, np.uint8))[1].tobytes()
-    (_, image), _ = make_stage('rig_thermal').decode_image(StampedImage(EncodedImage(0.0, grey), EPOCH))
+    (_, image), _ = make_stage('rig_thermal').on_image(encode_image(EncodedImage(0.0, grey))[0], EPOCH, SENDER)
     assert (image.encoding, image.header.frame_id) == ('mono8', 'thermal_optical_frame')
 
 
@@ -166,10 +164,10 @@ def test_all_images_together_have_one_vote_on_the_common_clock(streams):
         if name == 'truth':
             stage.on_truth(encode_truth(to_truth(VehicleState(time, np.zeros(3)), 1)), EPOCH + arrival, SENDER)
             continue
-        datagram, = encode_image(EncodedImage(time, b'data'))
-        image = (stage.on_depth(datagram, EPOCH + arrival, SENDER) if name == 'depth' else
-                 stage.on_image(datagram, EPOCH + arrival, SENDER, name))
-        errors.append(image.stamp - EPOCH - time)
+        datagram, = encode_image(EncodedImage(time, DEPTH if name == 'depth' else PICTURE))
+        (_, image), *_ = (stage.on_depth(datagram, EPOCH + arrival, SENDER) if name == 'depth' else
+                          stage.on_image(datagram, EPOCH + arrival, SENDER, name))
+        errors.append(to_seconds(image.header.stamp) - EPOCH - time)
     assert len(errors) == 80 * len(streams) and max(map(abs, errors)) < 0.01
 
 
@@ -177,19 +175,19 @@ def test_depth_carries_the_stamp_of_its_image():
     """Also when it comes much later, and from another thread's port."""
     stage, depth = make_stage(), np.full((48, 64), 65_535, np.uint16)
     depth[10, 20] = 1234
-    image = stage.on_image(encode_image(EncodedImage(5.0, b'data'))[0], EPOCH + 5.0, SENDER)
-    late = stage.on_depth(encode_image(EncodedImage(5.0, cv2.imencode('.png', depth)[1].tobytes()))[0], EPOCH + 5.3, SENDER)
-    assert late.stamp == image.stamp
-    (topic, message), = stage.decode_depth(late)
+    (_, image), _ = stage.on_image(encode_image(EncodedImage(5.0, PICTURE))[0], EPOCH + 5.0, SENDER)
+    late = encode_image(EncodedImage(5.0, cv2.imencode('.png', depth)[1].tobytes()))[0]
+    (topic, message), = stage.on_depth(late, EPOCH + 5.3, SENDER)
+    assert message.header == image.header
     assert topic == 'camera/depth/image_raw' and message.encoding == '16UC1' and message.step == 128
     values = np.frombuffer(message.data, np.uint16).reshape(48, 64)
     assert values[10, 20] == 1234 and np.count_nonzero(values) == 1
 
 
-@pytest.mark.parametrize('data', [b'', b'no image', b'\xff\xd8\xff\xe0' + bytes(100)])
+@pytest.mark.parametrize('data', [b'no image', b'\xff\xd8\xff\xe0' + bytes(100)])
 def test_what_is_no_image_is_a_value_error(data):
     with pytest.raises(ValueError, match='image'):
-        make_stage().decode_image(StampedImage(EncodedImage(0.0, data), EPOCH))
+        make_stage().on_image(encode_image(EncodedImage(0.0, data))[0], EPOCH, SENDER)
 
 
 def test_the_gimbal_reports_its_orientation_in_the_time_of_the_others(rng):
@@ -320,14 +318,12 @@ def test_impossible_numbers_on_topics_never_reach_the_simulator(number):
     assert stage.counts()['odometry unusable'] == 4
 
 
-def test_an_image_larger_than_the_camera_is_refused(rng):
+def test_an_image_larger_than_the_camera_is_refused():
     """By more than twice its pixels."""
-    large = cv2.imencode('.png', rng.integers(0, 255, (960, 1280, 3), np.uint8))[1].tobytes()
-    image = StampedImage(EncodedImage(0.0, large), EPOCH)
-    with pytest.raises(ValueError, match=r'1280x960 pixels, expected 1 to 614400 pixels'):
-        make_stage().decode_image(image)
-    with pytest.raises(ValueError, match='1280x960 pixels'):
-        make_stage().decode_depth(image)
+    large, = encode_image(EncodedImage(0.0, cv2.imencode('.png', np.zeros((960, 1280, 3), np.uint8))[1].tobytes()))
+    for take in (make_stage().on_image, make_stage().on_depth):
+        with pytest.raises(ValueError, match=r'1280x960 pixels, expected 1 to 614400 pixels'):
+            take(large, EPOCH, SENDER)
 
 
 @pytest.mark.parametrize('time', [1e300, 1e12, -0.0, 5e-324, 1e9])
@@ -343,11 +339,10 @@ def test_a_hostile_time_in_one_audio_header_leaves_the_sound_as_it_was(time, add
                 stage.on_audio(hostile, EPOCH + begin, address)
         genuine = encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1), AudioHeader(number, BLOCK, begin))
         with contextlib.suppress(WireError):
-            stage.on_audio(genuine, EPOCH + begin + BLOCK / RATE + 0.001, SENDER)
-        while (message := stage.read_audio()) is not None:
-            if message.samples[0]:
-                published += 1
-                assert to_seconds(message.header.stamp) - EPOCH == pytest.approx(begin, abs=5e-3)
+            for _, message in stage.on_audio(genuine, EPOCH + begin + BLOCK / RATE + 0.001, SENDER):
+                if message.samples[0]:
+                    published += 1
+                    assert to_seconds(message.header.stamp) - EPOCH == pytest.approx(begin, abs=5e-3)
     assert published >= 55
 
 

@@ -14,8 +14,7 @@ from fake_rflysim import FakeRflysim  # noqa: E402
 
 from av_common.rig import load_rig  # noqa: E402
 from av_common.stamps import to_seconds  # noqa: E402
-from av_sim_bridge.receiving.streams import StampedImage  # noqa: E402
-from av_sim_bridge.stage import BridgeSettings, BridgeStage  # noqa: E402
+from av_sim_bridge.stage import BridgeStage  # noqa: E402
 from av_sim_bridge.wire.audio import AudioFormat  # noqa: E402
 from av_sim_bridge.wire.ports import Ports  # noqa: E402
 
@@ -29,26 +28,16 @@ class Bridge:
     """A stage behind ports: `received` holds the messages of each topic."""
 
     def __init__(self, ports):
-        self.stage = BridgeStage(load_rig(RIG), AudioFormat(), BridgeSettings(targets=2, oracle_detections=True))
+        self.stage = BridgeStage(load_rig(RIG), AudioFormat(), targets=2, oracle_detections=True)
         self.received, self.now = defaultdict(list), EPOCH
-        self._handlers = {ports.audio: self._audio, ports.image: self._image, ports.rig_truth: self.stage.on_truth,
+        self._handlers = {ports.audio: self.stage.on_audio, ports.image: self.stage.on_image,
+                          ports.rig_truth: self.stage.on_truth,
                           ports.target_truth: self.stage.on_truth, ports.target_truth + 2: self.stage.on_truth,
                           ports.imu: self.stage.on_imu}
 
     def deliver(self, port, datagram):
         for topic, message in self._handlers[port](datagram, self.now, ('127.0.0.1', 50_000)):
             self.received[topic].append(message)
-
-    def _audio(self, *datagram):
-        self.stage.on_audio(*datagram)
-        while (message := self.stage.read_audio()) is not None:
-            yield 'audio/frames', message
-
-    def _image(self, *datagram):
-        result = self.stage.on_image(*datagram)
-        if isinstance(result, StampedImage):
-            return self.stage.decode_image(result)
-        return [] if result is None else [('detections', result)]
 
 
 @pytest.fixture(scope='module')

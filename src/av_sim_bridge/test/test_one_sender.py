@@ -8,6 +8,7 @@ import socket
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 
 from av_common.rig import GimbalMount, load_rig
 from av_sim_bridge.receiving.receiver import Receiver, open_port
-from av_sim_bridge.stage import BridgeSettings, BridgeStage
+from av_sim_bridge.stage import BridgeStage
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire import ForeignSenderError, WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
@@ -35,12 +36,17 @@ LEVEL, FALSE = 0.25, 0.75  # what the first and the other sender say, in whateve
 STREAMS = ('audio', 'bare audio', 'image', 'oracle', 'depth', 'rig truth', 'target truth', 'imu', 'gimbal', 'time sync')
 
 
+def picture(value, depth):
+    """A PNG whose pixels say 100 times a value."""
+    return cv2.imencode('.png', np.full((2, 2), 100 * value, depth))[1].tobytes()
+
+
 class Bench:
     """A stage, and what it made of the datagrams of one stream: the values that reached a topic."""
 
     def __init__(self, stream: str) -> None:
         rig = dataclasses.replace(load_rig(RIG), gimbal=GimbalMount())
-        self.stage = BridgeStage(rig, AudioFormat(), BridgeSettings(oracle_detections=True))
+        self.stage = BridgeStage(rig, AudioFormat(), oracle_detections=True)
         self.stream, self.obeyed = stream, []
 
     def take(self, sender: tuple[str, int], number: int, value: float) -> None:
@@ -50,21 +56,20 @@ class Bench:
         if kind in ('audio', 'bare audio'):
             frames = round(RATE * PERIOD)
             header = AudioHeader(number, frames, t - PERIOD) if kind == 'audio' else None
-            stage.on_audio(encode_audio(AudioFormat(), np.full((frames, 2), value), header), arrival, sender)
-            while (frame := stage.read_audio()) is not None:
-                found.append(float(np.round(frame.samples[-1], 2)))
+            datagram = encode_audio(AudioFormat(), np.full((frames, 2), value), header)
+            found = [float(np.round(frame.samples[-1], 2)) for _, frame in stage.on_audio(datagram, arrival, sender)]
         elif kind == 'time sync':
             stage.on_time_sync(encode_time_sync(TimeSync(1, 0, round(1e3 * (EPOCH + value)), number)), arrival, sender)
             found = [round(arrival - EPOCH - stage.counts()['time sync offset (s)'], 2)]
         elif kind == 'oracle':
             if sender == FIRST:
-                stage.on_image(encode_image(EncodedImage(t, b'data'))[0], arrival, sender)
-            report = stage.on_image(encode_oracle([OracleBox(2, value, 0.0, 0.0, 9.0, 9.0)]), arrival, sender)
+                stage.on_image(encode_image(EncodedImage(t, picture(value, np.uint8)))[0], arrival, sender)
+            (_, report), = stage.on_image(encode_oracle([OracleBox(2, value, 0.0, 0.0, 9.0, 9.0)]), arrival, sender)
             found = [round(report.detections[0].results[0].hypothesis.score, 2)]
         elif kind in ('image', 'depth'):
-            data = b'image' if value == LEVEL else b'forged'
-            take = stage.on_image if kind == 'image' else stage.on_depth
-            found = [take(encode_image(EncodedImage(t, data))[0], arrival, sender).image.data == b'image' and LEVEL]
+            take, depth = (stage.on_image, np.uint8) if kind == 'image' else (stage.on_depth, np.uint16)
+            (_, message), *_ = take(encode_image(EncodedImage(t, picture(value, depth)))[0], arrival, sender)
+            found = [message.data[0] / 100]
         elif kind == 'imu':
             (_, message), = stage.on_imu(encode_imu(ImuSample(number, t, np.full(3, value), np.zeros(3))), arrival, sender)
             found = [round(message.linear_acceleration.x, 2)]

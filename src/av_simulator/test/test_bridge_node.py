@@ -74,6 +74,8 @@ def rig():
             encoded = EncodedImage(instant + later, cv2.imencode('.png', layer)[1].tobytes())
             source.sendto(encode_image(encoded)[0], ('127.0.0.1', port))
         bridge.spin(0.5)
+    bridge.spin_until(lambda: int(bridge.values()['depth malformed']) > 0, 'a count of what is no depth')
+    bridge.undecodable = bridge.values()['depth last error']
     source.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1'))
     for name, port in vars(ports).items():
         for size in (0, 3, 40, 168, 6000, 60_000):
@@ -100,7 +102,6 @@ def test_everything_is_published(rig):
     sound = rig.fed['audio/frames']
     assert {(message.sample_rate, message.channels) for message in sound} == {(48_000, 2)}
     assert sum(len(message.samples) for message in sound) == 2 * rig.sent['audio_frames']
-    assert rig.values()['audio overwritten frames'] == '0'
 
 
 def test_stamps_are_capture_times(rig):
@@ -137,8 +138,7 @@ def test_depth_carries_the_stamp_of_its_image(rig):
     assert depth.encoding == '16UC1' and depth.step == 128
     values = np.frombuffer(depth.data, np.uint16).reshape(48, 64)
     assert values[10, 20] == 1234 and np.count_nonzero(values) == 1
-    rig.spin_until(lambda: int(rig.values()['image undecodable']) > 0, 'a count of what is no depth')
-    assert 'depth: uint8 in 3 dimensions, expected a PNG of 16 bit' in rig.values()['depth decoding error']
+    assert 'depth: uint8 in 3 dimensions, expected a PNG of 16 bit' in rig.undecodable
 
 
 def test_garbage_is_counted_and_the_node_lives(rig):

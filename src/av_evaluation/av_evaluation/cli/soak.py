@@ -33,7 +33,7 @@ EVERY_S = 5.0  # between samples
 RIG = ('model:=shipped', 'renderer:=flat', 'view:=true')
 WINDOW_S = 60.0     # medians and least counts are taken over this much time
 # Counters of the bridge that stay 0 on one machine.
-LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
+LOSSES = ('audio lost', 'audio lost frames', 'audio malformed', 'audio foreign')
 PAGE_S = 10.0       # between updates of a page that goes on, on a busy machine, too
 ADDRESS = re.compile(r'the rig in your browser: http://([^/ ]+)/')
 DYING_S = 10.0      # processes that end this shortly before the rig has ended were ended by it

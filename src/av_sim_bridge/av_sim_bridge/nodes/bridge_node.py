@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -21,11 +21,8 @@ from av_common.rig import camera_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
-from av_sim_bridge.receiving.common_clock import Sender
-from av_sim_bridge.receiving.consumer import Consumer, Worker
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
-from av_sim_bridge.receiving.streams import StampedImage
-from av_sim_bridge.stage import Output, make_bridge_stage
+from av_sim_bridge.stage import make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 
 SOCKET_BUFFER_BYTES = 4_194_304  # that each port asks of the system; RFlySim itself asks for 204,800
@@ -65,8 +62,6 @@ class BridgeNode(RigNode):
         self._foreign: dict[str, int] = {}
         with ExitStack() as opened:
             self._open_streams(opened)
-            self._reader = Worker('publish audio', self._publish_audio)
-            opened.callback(self._reader.stop)
             self._opened = opened.pop_all()
         self.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.refuse_second_publishers('pointing/command', tell=partial(setattr, self._stage, 'contested'))
@@ -90,59 +85,29 @@ class BridgeNode(RigNode):
                              "expected this machine's address in the network of that host, or 0.0.0.0")
 
     def _open_streams(self, opened: ExitStack) -> None:
-        stage = self._stage
-        truth = self._publishing(stage.on_truth)
-        handlers: dict[str, Handler] = {'audio': stage.on_audio}
-        self._images: dict[str, Consumer[StampedImage]] = {}    # by camera, and of depth
+        stage, ports = self._stage, vars(self._ports)
+        handlers: dict[str, Handler] = {'audio': stage.on_audio, 'depth': stage.on_depth, 'rig_truth': stage.on_truth,
+                                        'target_truth': stage.on_truth, 'imu': stage.on_imu}
         for camera, stream in zip(stage.rig.cameras, ('image', 'second_image'), strict=False):
-            decode = partial(stage.decode_image, camera=camera)
-            self._images[camera] = self._consumer(opened, f'decode images of {camera}', decode)
-            handlers[stream] = partial(self._on_image, camera)
-        self._images['depth'] = self._consumer(opened, 'decode depth', stage.decode_depth)
-        handlers |= {'depth': self._on_depth, 'rig_truth': truth, 'target_truth': truth, 'imu': self._publishing(stage.on_imu)}
+            handlers[stream] = partial(stage.on_image, camera=camera)
         if stage.rig.gimbal is not None:
-            handlers['gimbal'] = self._publishing(stage.on_gimbal)
-        ports = vars(self._ports)
+            handlers['gimbal'] = stage.on_gimbal
         for name, handle in handlers.items():
             self._receive(opened, name, ports[name], handle)
         for index, number in enumerate(stage.target_topics):
             if index:
-                self._receive(opened, f'target_{number}_truth', self._ports.target_truth + 2 * index, truth)
+                self._receive(opened, f'target_{number}_truth', self._ports.target_truth + 2 * index, stage.on_truth)
         self._receive(opened, 'time_sync', self._ports.time_sync, stage.on_time_sync, TIME_SYNC_GROUP)
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
+        """Publish what the stage makes of each datagram, on a thread of the port's own."""
+        def take(*datagram: Any) -> None:
+            for topic, message in handle(*datagram):
+                self._outputs[topic].publish(message)
+
         source = open_port(name, port, SOCKET_BUFFER_BYTES, self._settings.bind_address, group)
-        self._receivers[name] = Receiver(name, source, handle, SenderGate(source, self._allowed, self._refusals))
+        self._receivers[name] = Receiver(name, source, take, SenderGate(source, self._allowed, self._refusals))
         opened.callback(self._receivers[name].stop)
-
-    def _consumer(self, opened: ExitStack, name: str, decode: Callable[[StampedImage], list[Output]]) -> Consumer[StampedImage]:
-        consumer = Consumer[StampedImage](name, lambda stamped: self._publish(decode(stamped)))
-        opened.callback(consumer.stop)
-        return consumer
-
-    def _publishing(self, handle: Callable[[bytes, float, Sender], list[Output]]) -> Handler:
-        return lambda datagram, arrival, sender: self._publish(handle(datagram, arrival, sender))
-
-    def _publish(self, outputs: list[Output]) -> None:
-        for topic, message in outputs:
-            self._outputs[topic].publish(message)
-
-    def _publish_audio(self) -> None:
-        message = self._stage.read_audio(timeout=0.2)
-        if message is not None:
-            self._outputs['audio/frames'].publish(message)
-
-    def _on_image(self, camera: str, datagram: bytes, arrival: float, sender: Sender) -> None:
-        result = self._stage.on_image(datagram, arrival, sender, camera)
-        if isinstance(result, StampedImage):
-            self._images[camera].put(result)
-        elif result is not None:
-            self._publish([(camera_topic(camera, 'detections'), result)])
-
-    def _on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        stamped = self._stage.on_depth(datagram, arrival, sender)
-        if stamped is not None:
-            self._images['depth'].put(stamped)
 
     def _on_command(self, command: PointingCommand) -> None:
         self._send_control(self._stage.on_command(command, Instant(time.monotonic(), self.now())))
@@ -178,15 +143,8 @@ class BridgeNode(RigNode):
                 status.add(f'{name} last error', receiver.last_error)
         self._report_foreign(status)
         self._report_refusals(status)
-        images = self._images.values()
-        counts = self._stage.counts() | {'image dropped': sum(each.dropped for each in images),
-                                         'image undecodable': sum(each.failed for each in images),
-                                         'audio unpublished': self._reader.failed}
-        for name, value in counts.items():
+        for name, value in self._stage.counts().items():
             status.add(name, str(value))
-        for name, consumer in self._images.items():
-            if consumer.last_error:
-                status.add(f'{name} decoding error', consumer.last_error)
 
     def _report_foreign(self, status: DiagnosticStatusWrapper) -> None:
         """An error for each stream to which another than its sender has sent since the last report."""

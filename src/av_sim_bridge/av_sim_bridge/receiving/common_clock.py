@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import Any
+from collections import OrderedDict
 
 from av_common.clock import CHASE, LATEST_S, ElapsedTime, Order, SenderClock
 from av_common.stamps import END_S
+from av_sim_bridge.receiving.allowed_senders import Sender
 from av_sim_bridge.wire import ForeignSenderError, UndatedError
 
 SILENCE_S = 1.0          # after this time without a usable datagram another sender may take a stream over
 DELAY_S = 0.25           # a stream may precede the common offset by this much, if that rests on a slower stream
 STEP_S = 0.05            # interval between comparisons
-Sender = tuple[Any, ...]
+SAME_CAPTURE_S = 0.05    # largest difference of the dates of one capture in two streams
+SET_BACK_S = 2.0         # dates earlier by more are of a clock that was set back: an old state is dated within LATEST_S
+MOST_CAPTURES = 32       # whose dates are remembered: a second of two cameras
 
 
 class OneSender:
@@ -46,6 +49,7 @@ class _Stream:
     def __init__(self, name: str) -> None:
         self.refused = self.restarts = 0
         self.one_sender = OneSender(name)
+        self.newest = -math.inf, -math.inf    # stamp and date of the newest state
         self.begin(())
 
     def begin(self, sender: Sender) -> None:
@@ -70,6 +74,7 @@ class CommonClock:
         self.restarts = 0
         self._time, self._lock = ElapsedTime(), threading.Lock()
         self._streams: dict[str, _Stream] = {}
+        self._captures: OrderedDict[float, float] = OrderedDict()    # dates of captures, by their stamps
         self._offset = math.nan
         self._compared = -math.inf
         self._settled = False    # whether stamps that have agreed have set the offset
@@ -106,6 +111,27 @@ class CommonClock:
                 raise UndatedError(f'{stream}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
             taken.refused -= 1
             return time
+
+    def date_state(self, stream: str, sender: Sender, stamp: float, arrival: float) -> float | None:
+        """The same of a state, such as a pose, later than those before; None for one that comes again or out of order."""
+        date = self.date(stream, sender, stamp, arrival)
+        state = self._streams[stream]    # which one thread alone dates
+        newest, newest_date = state.newest
+        if (date <= newest_date or stamp == newest) and date > newest_date - SET_BACK_S:
+            return None
+        state.newest = stamp, date
+        return date
+
+    def date_capture(self, stream: str, sender: Sender, stamp: float, arrival: float) -> float:
+        """The same of a part of a capture: that of its first part in any stream, so that all of one capture have one date."""
+        date = self.date(stream, sender, stamp, arrival)
+        with self._lock:
+            if abs(self._captures.get(stamp, date) - date) > SAME_CAPTURE_S:    # the sender has restarted
+                del self._captures[stamp]
+            first = self._captures.setdefault(stamp, date)
+            if len(self._captures) > MOST_CAPTURES:
+                self._captures.popitem(last=False)
+            return first
 
     def _date(self, stream: _Stream, sender: Sender, stamp: float, arrival: float) -> float | None:
         if not 0.0 <= arrival < END_S:

@@ -6,15 +6,16 @@ import contextlib
 import errno
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from av_common.rate_meter import RateMeter
-from av_sim_bridge.receiving.allowed_senders import Refusals, SenderGate
-from av_sim_bridge.receiving.consumer import Worker
+from av_sim_bridge.receiving.allowed_senders import Refusals, Sender, SenderGate
 from av_sim_bridge.wire import ForeignSenderError, UndatedError
 
-Handler = Callable[[bytes, float, tuple], None]
+Handler = Callable[[bytes, float, Sender], Any]
 
 _TIMEVAL = struct.Struct('qq')
 _SO_TIMESTAMPNS = 35      # Linux: arrival times from the kernel, independent of the load of the interpreter
@@ -57,21 +58,31 @@ def open_port(name: str, port: int, buffer_bytes: int, address: str = '127.0.0.1
     return receiver
 
 
-class Receiver(Worker):
-    """Receives from one port. It counts malformed datagrams in `failed`, and those of others than the stream's sender.
+class Receiver:
+    """Receives from one port on a thread, which outlives its errors. It closes the socket.
+
+    Attributes:
+        failed: number of datagrams that could not be used. Each new error but a ValueError, which is an invalid datagram, is
+            reported as if it had ended the thread.
+        foreign: counts of datagrams of others than the stream's sender.
+        last_error: the newest error's message.
+        meter: rate of the datagrams that were used.
 
     Parameters:
         name: name of the stream.
-        source: bound UDP socket, which this object closes.
-        handle: function of datagram, arrival (s, the system's clock) and the sender's address; may raise WireError.
+        source: bound UDP socket.
+        handle: function of datagram, arrival (s, the system's clock) and the sender's address, for which `stop` waits; may
+            raise WireError.
         gate: refuses datagrams of other senders before anything else is done with them; None accepts everybody.
     """
 
-    def __init__(self, name: str, source: socket.socket, handle: Handler, gate: SenderGate | None = None):
-        self.meter = RateMeter()
-        self.foreign = Refusals(3, ports=True)
+    def __init__(self, name: str, source: socket.socket, handle: Handler, gate: SenderGate | None = None) -> None:
+        self.failed, self.last_error = 0, ''
+        self.meter, self.foreign = RateMeter(), Refusals(3, ports=True)
         self._socket, self._handle, self._gate = source, handle, gate
-        super().__init__(f'receive {name}', self._receive, 0.0)
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
+        self._thread.start()
 
     @property
     def port(self) -> int:
@@ -82,10 +93,28 @@ class Receiver(Worker):
         """Send a datagram from this port. Raises OSError."""
         self._socket.sendto(datagram, address)
 
+    def end(self) -> None:
+        """Let the thread end after the present datagram, without waiting for it."""
+        self._ending = True
+
     def stop(self) -> None:
-        """End the thread and close the socket."""
-        super().stop()
+        """End the thread, and close the socket."""
+        self.end()
+        self._thread.join()
         self._socket.close()
+
+    def _run(self) -> None:
+        while not self._ending:
+            try:
+                self._receive()
+            except ValueError as error:
+                self.failed += 1
+                self.last_error = str(error)
+            except Exception as error:  # noqa: BLE001 (whatever a datagram causes: the next one is processed)
+                self.failed += 1
+                if repr(error) != self.last_error:
+                    self.last_error = repr(error)
+                    _report(error)
 
     def _receive(self) -> None:
         if self._gate is not None:
@@ -104,6 +133,11 @@ class Receiver(Worker):
             self.foreign.add(sender)
         except UndatedError as error:    # counted by the stream's clock
             self.last_error = str(error)
+
+
+def _report(error: Exception) -> None:
+    """Report an unexpected error as if it had ended the thread: by its traceback, and as a warning in tests."""
+    threading.excepthook(threading.ExceptHookArgs((type(error), error, error.__traceback__, threading.current_thread())))
 
 
 def _arrival(ancillary: list) -> float:
