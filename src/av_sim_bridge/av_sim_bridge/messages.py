@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image, Imu
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
@@ -20,7 +20,7 @@ from av_sim_bridge.wire.error import FARTHEST_M, check_within
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
 from av_vision.image import decode_image
-from av_vision.messages import detections_message, image_message
+from av_vision.messages import detections_message
 
 
 def odometry_message(header: Header, child_frame: str, state: VehicleState) -> Odometry:
@@ -58,16 +58,6 @@ def imu_message(header: Header, acceleration_flu: NDArray, rate_flu: NDArray) ->
                   angular_velocity=pose_messages.vector_message(rate_flu))
     message.orientation_covariance[0] = -1.0
     return message
-
-
-def camera_image_message(header: Header, pixels: NDArray) -> Image:
-    """The message of a camera's image.
-
-    Parameters:
-        header: capture time, and the camera's optical frame
-        pixels ((height, width[, 3]), uint8 or uint16): colour, grey, or raw counts of a thermal camera (mono16)
-    """
-    return image_message(header, pixels, 'mono16' if pixels.dtype == np.uint16 else '')
 
 
 def oracle_detections_message(header: Header, boxes: list[OracleBox]) -> Detection2DArray:

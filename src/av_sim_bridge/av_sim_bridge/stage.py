@@ -97,7 +97,7 @@ class BridgeStage:
         pixels = decode_image(content.data, flags, self._most_pixels)
         height, width = pixels.shape[:2]
         calibration = camera_info_message(header, mount.model.scaled(width, height))
-        return [(f'{camera}/image_raw', messages.camera_image_message(header, pixels)), (f'{camera}/camera_info', calibration)]
+        return [(f'{camera}/image_raw', image_message(header, pixels)), (f'{camera}/camera_info', calibration)]
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of a complete depth image; none while incomplete. Raises ValueError if it is not a 16-bit PNG."""
@@ -105,7 +105,8 @@ class BridgeStage:
         if isinstance(image, list):
             return []
         depth = messages.decode_depth(image.data, self._most_pixels)
-        return [('camera/depth/image_raw', image_message(messages.make_header(stamp, self.rig.camera.optical_frame), depth))]
+        header = messages.make_header(stamp, self.rig.camera.optical_frame)
+        return [('camera/depth/image_raw', image_message(header, depth, '16UC1'))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number, or for an old state."""

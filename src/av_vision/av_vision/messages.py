@@ -23,7 +23,7 @@ from av_common.camera import LENS_MODELS, PinholeCamera
 from av_vision.detections import Detections
 from av_vision.image import MOST_PIXELS, check_pixels, decode_image
 
-# encoding -> (dtype, channels, OpenCV conversion to BGR or None)
+# encoding -> (dtype, channels, OpenCV conversion to BGR or None); of two for the same pixels the first is sent
 ENCODINGS: dict[str, tuple[str, int, int | None]] = {
     'bgr8': ('u1', 3, None), '8UC3': ('u1', 3, None), 'rgb8': ('u1', 3, cv2.COLOR_RGB2BGR),
     'bgra8': ('u1', 4, cv2.COLOR_BGRA2BGR), '8UC4': ('u1', 4, cv2.COLOR_BGRA2BGR), 'rgba8': ('u1', 4, cv2.COLOR_RGBA2BGR),
@@ -97,11 +97,10 @@ def image_message(header: Header, image: NDArray, encoding: str = '') -> Image:
 def encoding_of(image: NDArray) -> str:
     """The encoding of an OpenCV image (h, w[, channels]); raises ValueError for a type without one."""
     channels = image.shape[2] if image.ndim == 3 else 1
-    encoding = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8', ('uint16', 1): '16UC1',
-                ('uint16', 3): 'bgr16', ('float32', 1): '32FC1', ('float32', 3): '32FC3'}.get((image.dtype.name, channels))
-    if encoding is None:
-        raise ValueError(f'an image of shape {image.shape} and type {image.dtype} has no encoding')
-    return encoding
+    for encoding, (kind, count, conversion) in ENCODINGS.items():
+        if (np.dtype(kind), count) == (image.dtype, channels) and conversion in (None, cv2.COLOR_BGRA2BGR):
+            return encoding
+    raise ValueError(f'an image of shape {image.shape} and type {image.dtype} has no encoding')
 
 
 def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:

@@ -16,7 +16,7 @@ from av_common.stamps import to_stamp
 from av_sim_bridge import messages
 from av_simulator.run import Step
 from av_simulator.world import World
-from av_vision.messages import camera_info_message
+from av_vision.messages import camera_info_message, image_message
 
 EPOCH = 1_700_000_000.0    # s, stamp of the scenario's start; it is constant, so that the same run gives the same bag
 WORLD_FRAME = 'map'
@@ -57,7 +57,7 @@ class BagRecorder:
                         messages.odometry_message(header, 'target', sample.targets[0]))
         for view, image in step.images:
             header = messages.make_header(EPOCH + view.time, self._rig.camera.optical_frame)
-            self._write('camera/image_raw', EPOCH + view.time, messages.camera_image_message(header, image.bgr))
+            self._write('camera/image_raw', EPOCH + view.time, image_message(header, image.bgr))
             self._write('camera/camera_info', EPOCH + view.time,
                         camera_info_message(header, self._rig.camera.model))
             self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))

@@ -7,7 +7,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, Image, Imu
@@ -120,8 +119,7 @@ class CameraNode(RigNode):
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()
         header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
-        counts = image.pixels.dtype == np.uint16 and image.pixels.ndim == 2
-        self._images.publish(image_message(header, image.pixels, 'mono16' if counts else ''))
+        self._images.publish(image_message(header, image.pixels))
         camera = self._camera_of(image)
         if camera is not None:
             self._infos.publish(camera_info_message(header, camera))
