@@ -120,6 +120,34 @@ def test_an_interlaced_video_is_played_or_said_not_to_be(tmp_path, video):
         assert np.all(np.diff(levels) > 3.0) != ('interlaced' in recording.problem)
 
 
+def test_damaged_images_of_a_video_leave_gaps_and_the_rest_is_played(video):
+    """As of a camera whose cable is loose, or a link with losses: OpenCV decodes none of them, and the next ones."""
+    content, rng = bytearray(video.read_bytes()), np.random.default_rng(0)
+    jpegs = [found.start() for found in re.finditer(rb'\xff\xd8\xff', content)]
+    for k in (0, 5, 6, 7, 12):
+        content[jpegs[k] + 2:jpegs[k] + 200] = rng.integers(0, 255, 198, np.uint8).tobytes()
+    video.write_bytes(content)
+    recording, whole = Recording(video), [k for k in range(20) if k not in (0, 5, 6, 7, 12)]
+    frames = list(recording.frames())
+    assert [frame.time for frame in frames] == pytest.approx([k / 50.0 for k in whole])
+    assert [frame.index for frame in Recording(video, rate=10.0).frames()] == whole
+    assert [frame.image.mean() for frame in frames] == pytest.approx([10.0 * k for k in whole], abs=3.0)
+    assert recording.rate == pytest.approx(50.0) and '5 images cannot be decoded' in recording.problem
+
+
+@pytest.mark.parametrize('kind', [np.uint16, np.float32])
+def test_a_stack_of_images_in_one_file_is_played(tmp_path, kind):
+    """As programs for thermal cameras export recordings, whole or in parts; one that is cut off has the images before."""
+    counts = np.random.default_rng(0).uniform(7000.0, 7600.0, (7, 48, 64)).astype(kind)
+    cv2.imwritemulti(str(tmp_path / 'a_2.tiff'), list(counts[:5]))
+    cv2.imwritemulti(str(tmp_path / 'a_10.TIF'), list(counts[5:]))
+    for path, images in ((tmp_path / 'a_2.tiff', counts[:5]), (tmp_path, counts)):
+        recording = Recording(path, rate=10.0)
+        frames = list(recording.frames())
+        assert np.array_equal([frame.image for frame in frames], images) and recording.count == len(images)
+        assert [frame.time for frame in frames] == pytest.approx(0.1 * np.arange(len(images))) and not recording.problem
+
+
 def test_a_video_that_is_cut_off_says_so(video):
     """As where a disk was full, or a download ended early."""
     recording = Recording(video)

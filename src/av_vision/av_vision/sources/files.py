@@ -6,14 +6,16 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.files import MEGABYTE, check_file
+from av_common.files import MEGABYTE, check_file, one_line
 from av_vision.image import MOST_PIXELS, decode_image
 from av_vision.sources.capture import CapturedImage, SourceError
 
@@ -25,24 +27,39 @@ IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.t
 MOST_BYTES = 1000 * MEGABYTE
 # FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told, as it does of other depths, and of other order.
 _COUNTS = b'Y1\0\x10'
+AS_STORED = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+LOST = 100     # images in a row that cannot be decoded, after which a video has ended
 ALIKE = 10     # images that are the same to the bit from which on that is told: noise alone makes those of cameras differ
 WHOLE = 0.9    # share of its stated length from which on a video counts as whole
 CONVERT = 'convert it first, such as by ffmpeg'
 
 
-def read_image(path: Path) -> NDArray:
+def read_image(path: Path, page: int = 0) -> NDArray:
     """The image (h, w[, channels]) in a file, BGR or grey, of 8 or 16 bits, other depths as float32.
+
+    Parameters:
+        path: the file.
+        page: which of its images, where it holds several.
 
     Raises SourceError in one line with the path.
     """
     try:
-        data = check_file(path, MOST_BYTES).read_bytes()
-        image = decode_image(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, any_format=True)
+        data = check_file(path, MOST_BYTES).read_bytes() if page == 0 else b''
+        image = (decode_image(data, AS_STORED, any_format=True) if page == 0 else
+                 cv2.imreadmulti(name_for_opencv(path), page, 1, flags=AS_STORED)[1][0])
     except OSError as error:
         raise SourceError(str(error)) from error
-    except ValueError as error:
-        raise SourceError(f'{path} ({len(data)} bytes) cannot be read as an image: {error}') from error
+    except (ValueError, IndexError, cv2.error) as error:
+        what = f'{len(data)} bytes' if page == 0 else f'image {page + 1} in it'
+        raise SourceError(f'{path} ({what}) cannot be read as an image: {one_line(error)}') from error
     return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
+
+
+def pages_of(path: Path) -> int:
+    """Number of images in a file: cameras and programs for thermal images write stacks of them as TIFF."""
+    with suppress(SourceError, cv2.error):
+        return max(cv2.imcount(name_for_opencv(path)), 1) if path.suffix.lower() in ('.tif', '.tiff') else 1
+    return 1
 
 
 def name_for_opencv(path: Path) -> str:
@@ -90,7 +107,7 @@ class Recording:
     """A video, an image or a folder of images, read frame by frame.
 
     The time of a frame is that in the video's container, which need not have a constant rate. Images of a folder, and frames
-    of a video with `rate`, follow each other evenly. An image of a folder that cannot be read leaves a gap.
+    of a video with `rate`, follow each other evenly. An image that cannot be read leaves a gap. A TIFF may hold several.
 
     Parameters:
         path: the file or folder; ~ is the user's home.
@@ -114,13 +131,14 @@ class Recording:
         self._problems: dict[str, str] = {}    # by kind
         self._even = rate
         is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
-        self._files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
+        files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
+        self._files = [(file, page) for file in files for page in range(pages_of(file))]
         if self._files:
             self.rate, self.count = rate or FOLDER_RATE, len(self._files)
             return
         self.count = 0
-        times = self._probe()
-        self.rate = rate or ((len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else FOLDER_RATE)
+        (first, begin), (last, end) = self._probe()
+        self.rate = rate or ((last - first) / (end - begin) if last > first else FOLDER_RATE)
 
     @property
     def problem(self) -> str:
@@ -136,11 +154,11 @@ class Recording:
 
     def _images(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
         lost: list[str] = []
-        for index, path in enumerate(self._files):
+        for index, (path, page) in enumerate(self._files):
             if not wanted(index / self.rate):
                 continue
             try:
-                yield Frame(index, index / self.rate, read_image(path))
+                yield Frame(index, index / self.rate, read_image(path, page))
             except SourceError as error:
                 lost.append(str(error))
                 if len(lost) == len(self._files):
@@ -150,7 +168,8 @@ class Recording:
     def _video(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
         video, first, stated, alike = self._open_video(), None, 0.0, 0
         try:
-            for index, stated in enumerate(self._times(video)):
+            for read, (index, stated) in enumerate(self._times(video)):
+                self._problems['lost'] = f'{index - read} images cannot be decoded' if index > read else ''
                 at = index / self._even if self._even else stated
                 if wanted(at):
                     good, image = video.retrieve()
@@ -168,28 +187,35 @@ class Recording:
             video.release()
 
     @staticmethod
-    def _times(video: cv2.VideoCapture) -> Iterator[float]:
-        """Times (s) of the frames in the container; where it states none, or not a later one, the interval before counts."""
+    def _times(video: cv2.VideoCapture) -> Iterator[tuple[int, float]]:
+        """Numbers of the frames that can be decoded, and their times (s) in the container.
+
+        Where it states none, or not a later one, the interval before counts.
+        """
         stated = video.get(cv2.CAP_PROP_FPS)
-        interval, last = 1.0 / stated if 1.0 <= stated <= 500.0 else 1.0 / FOLDER_RATE, -float('inf')
-        while video.grab():
-            time = 1e-3 * video.get(cv2.CAP_PROP_POS_MSEC)
+        interval, last, good = 1.0 / stated if 1.0 <= stated <= 500.0 else 1.0 / FOLDER_RATE, -float('inf'), -1
+        for index in count():
+            if not video.grab():
+                if index - good > LOST:
+                    return
+                continue
+            good, time = index, 1e-3 * video.get(cv2.CAP_PROP_POS_MSEC)
             if time - last < LEAST_INTERVAL_S:
                 time = last + interval
             elif last >= 0.0:
                 interval = time - last
             last = time
-            yield time
+            yield index, time
 
-    def _probe(self) -> list[float]:
-        """Times (s) of the first frames of the video."""
+    def _probe(self) -> tuple[tuple[int, float], tuple[int, float]]:
+        """Numbers and times (s) of the first frame of the video, and of one soon after it."""
         video = self._open_video()
         self.count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        times = [time for time, _ in zip(self._times(video), range(PROBED), strict=False)]
+        times = list(islice(self._times(video), PROBED))
         video.release()
         if not times:
             raise SourceError(f'{self.path} holds no images that can be read')
-        return times
+        return times[0], times[-1]
 
     def _open_video(self) -> cv2.VideoCapture:
         try:
