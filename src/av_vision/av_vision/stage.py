@@ -281,27 +281,21 @@ def make_detection_stage(parameters: Any) -> DetectionStage:
     return DetectionStage(temporal, visibility, p.camera_kind)
 
 
-def make_detector(parameters: Any, settings: DetectorSettings | None = None) -> Detector:
+def make_detector(parameters: Any, keep: tuple[str, ...] = (DRONE,)) -> Detector:
     """The detector of one image from the parameters of detector_node: the shipped one, of a file, or of another package.
 
     Parameters:
-        parameters: those of detector_node.
-        settings: other settings than those of the parameters.
+        parameters: those of detector_node; empty names in lists are ignored, and spaces around names.
+        keep: classes to report, after `keep_classes` were renamed to drone; empty for all.
 
     Raises ModelError or ValueError.
     """
-    name, settings = parameters.model or 'shipped', settings or _settings(parameters)
+    p, name = parameters, parameters.model or 'shipped'
+    drones, names = ([text.strip() for text in given if text.strip()] for given in (p.keep_classes, p.class_names))
+    settings = DetectorSettings(p.score_threshold, keep, dict.fromkeys(drones, DRONE), tuple(names), p.input_size,
+                                tuple(p.providers), p.threads)
     if is_model_file(name):
         return Detector(name, settings)
     if name == 'shipped':
-        return Detector(shipped_model(parameters.camera_kind), settings)
-    return ForeignDetector(DETECTORS.load(name)(parameters), settings, DRONE)
-
-
-def _settings(p: Any) -> DetectorSettings:
-    """Settings from the parameters of detector_node; empty names in lists are ignored."""
-    return DetectorSettings(
-        score_threshold=p.score_threshold, keep=(DRONE,),
-        rename=dict.fromkeys(filter(None, p.keep_classes), DRONE),
-        class_names=tuple(filter(None, p.class_names)), input_size=p.input_size,
-        providers=tuple(p.providers), threads=p.threads)
+        return Detector(shipped_model(p.camera_kind), settings)
+    return ForeignDetector(DETECTORS.load(name)(p), settings, DRONE)

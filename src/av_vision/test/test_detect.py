@@ -62,6 +62,13 @@ def test_json_and_all_classes(folder, capsys):
     assert printed.err == ''
 
 
+@pytest.mark.parametrize('classes', ['drone,bird', 'drone, bird', ' bird ,drone,'])
+def test_classes_are_separated_by_commas_and_spaces(folder, capsys, classes):
+    code, printed = run(folder, capsys, '--classes', classes, '--quiet')
+    assert code == 0 and {row['class'] for row in csv.DictReader(printed.out.splitlines())} == {'drone'}
+    assert len(printed.out.splitlines()) == 1 + 3 * len(yolo_models.TRUTH)
+
+
 def test_output_file_and_video(folder, capsys):
     out, video = folder / 'rows.csv', folder / 'drawn.mp4'
     code, printed = run(folder, capsys, '--output', str(out), '--save-video', str(video), '--quiet')

@@ -22,7 +22,7 @@ from av_vision.sources.capture import SourceError
 from av_vision.sources.files import Recording, name_for_opencv
 from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detections, Detector, DetectorSettings
+from av_vision.yolo import Detections, Detector
 from av_vision.yolo.letterbox import letterbox
 
 COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
@@ -84,11 +84,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def detector_of(arguments: argparse.Namespace) -> Detector:
     """The detector that the command line names. Raises ModelError or ValueError."""
-    given = {'model': arguments.model, 'camera_kind': arguments.camera, 'score_threshold': arguments.threshold}
-    names = [] if arguments.classes == 'all' else [name for name in arguments.classes.split(',') if name]
-    settings = DetectorSettings(score_threshold=arguments.threshold, keep=() if arguments.classes == 'all' else (DRONE,),
-                                rename=dict.fromkeys(names, DRONE), input_size=arguments.size)
-    return make_detector(node_parameters('av_vision', 'detector_node', overrides=given), settings)
+    every = arguments.classes == 'all'
+    given = {'model': arguments.model, 'camera_kind': arguments.camera, 'score_threshold': arguments.threshold,
+             'input_size': arguments.size, 'keep_classes': [''] if every else arguments.classes.split(',')}
+    return make_detector(node_parameters('av_vision', 'detector_node', overrides=given), () if every else (DRONE,))
 
 
 def run(arguments: argparse.Namespace) -> list[str]:
