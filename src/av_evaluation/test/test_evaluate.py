@@ -8,10 +8,12 @@ import re
 
 import numpy as np
 import pytest
+import yolo_models
 from bag_messages import flight
 from matplotlib.figure import Figure
 
 from av_common.parameters import node_parameters
+from av_evaluation.cli import report
 from av_evaluation.cli.evaluate import main
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
 from av_evaluation.report.page import Page
@@ -44,6 +46,17 @@ def test_a_wrong_rig_is_named_before_anything_is_computed(tmp_path, capsys):
     assert main(['circle', '--oracle', '--rig', 'nowhere', '--out', str(tmp_path / 'out')]) == 2
     words = capsys.readouterr().err.splitlines()
     assert len(words) == 1 and words[0].startswith('evaluate: nowhere: no such file')
+
+
+@pytest.mark.parametrize(('program', 'inputs'), [(main, ['circle']), (report.main, ['--quick', '--data', 'nowhere'])])
+def test_a_model_that_cannot_be_used_is_named_before_anything_is_computed(tmp_path, capsys, program, inputs):
+    """Not once for each run: a file that is missing, and one of other classes."""
+    other = yolo_models.write(tmp_path / 'other.onnx', metadata={'names': "['gull', 'UAV', 'kite']"})
+    for model, reason in ((tmp_path / 'missing.onnx', 'does not exist'), (other, "not ['drone']: name those that are drones")):
+        assert program([*inputs, '--model', str(model), '--out', str(tmp_path / 'out')]) == 2
+        words = capsys.readouterr().err.splitlines()
+        assert str(model) in words[-1] and reason in words[-1] and sum(reason in line for line in words) == 1
+        assert not list(tmp_path.glob('out/*'))
 
 
 def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypatch, capsys):

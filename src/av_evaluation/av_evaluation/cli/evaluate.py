@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from av_common.arguments import not_negative, number
+from av_common.parameters import node_parameters
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
 from av_evaluation.metrics.results import RunResult, figures_together, methods_of, metrics_of, write_json
@@ -19,7 +20,7 @@ from av_evaluation.report.text import format_rows, label, rows_of
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
 from av_simulator.config_files import find_config
-from av_vision.methods import is_model_file
+from av_vision.stage import make_detector
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,15 +41,15 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def cases_of(options: argparse.Namespace) -> list[Case]:
-    """One case for each bag, and for each seed of a scenario. Raises ValueError or OSError for inputs, see `find_inputs`."""
+    """One case for each bag, and for each seed of a scenario. Raises ValueError or OSError, see `find_inputs`."""
     inputs = find_inputs(options.inputs)
     check_methods(tuple(options.methods))
     remap = tuple(text for text in options.remap if text)
     common = {'methods': tuple(options.methods), 'duration': options.duration}
     if options.oracle and options.model:
         raise ValueError('--oracle and --model exclude each other')
-    if options.model:
-        is_model_file(options.model)
+    if options.model:    # one that cannot be used would fail each run
+        make_detector(node_parameters('av_vision', 'detector_node', options.params, {'model': options.model}))
     if options.rig:
         load_rig(find_config(options.rig))
     seeing = '' if options.oracle else options.model or 'shipped'

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from av_common.arguments import whole
 from av_evaluation.experiments.methods import METHODS, check_methods
+from av_evaluation.experiments.physical import detection_stage
 from av_evaluation.experiments.publication import cases_of, make_page, metrics_by_experiment, senses_table
 from av_evaluation.metrics.results import write_json
 from av_evaluation.report.text import format_rows, rows_of
 from av_evaluation.runs.program import add_run_options, compute, run_program
-from av_vision.methods import is_model_file
 
 SEEDS = 5  # runs of each experiment
 MEASURED = Path('docs', 'measured', 'metrics.json')  # beside the README
@@ -83,7 +83,7 @@ def report(options: argparse.Namespace) -> int:
     seeds = options.seeds or (1 if options.quick else SEEDS)
     check_methods(tuple(options.methods))
     if options.model:
-        is_model_file(options.model)
+        detection_stage(options.model)    # one that cannot be used would fail each run
         if options.readme:
             raise ValueError('the README shows the shipped detector: --readme and --model exclude each other')
     methods = tuple(dict.fromkeys((*METHODS, *options.methods)))
