@@ -18,25 +18,25 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from av_vision.score_fusion import ScoreFusionModel, logit
-from av_vision.tracking import ImageTrack, Tracker
+from av_vision.tracking import BOX, ImageTrack, Tracker
 from av_vision.yolo import Detector, DetectorSettings
 
 NEAR, ALIKE = 1.5, math.log(3.0)  # sides, and logarithm of the ratio of sizes, within which boxes of other things are counted
-Row = tuple[float, float, float, float, float, float]
+Row = tuple[float, float, float, float, float]
 
 
 def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row]:
     """What is fitted, of each box that continues a track.
 
     Gap (s), error of the predicted place (sides), logarithm of the ratio of sizes, difference of the drone's log-odds from the
-    track's mean, number of former boxes, number of other boxes near it.
+    track's mean, number of other boxes near it.
     """
     clip, followed = '', None
     for result in results:
         if result.clip != clip:
             clip, tracker, followed = result.clip, Tracker(model), None
         seen, labels = result.seen, result.labels
-        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.boxes, one.scores.mean[0])
+        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.scores.mean[0])
                   for one in tracker.tracks}
         tracks = tracker.update(seen, result.time)
         overlap = overlaps_of(seen.boxes.astype(float), labels[:, 1:].astype(float)).max(axis=1, initial=0.0) \
@@ -46,25 +46,25 @@ def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row
             continue
         k = int(overlap.argmax())
         if followed is not None and id(followed) in before:
-            place, side, gap, boxes, mean = before[id(followed)]
+            place, side, gap, mean = before[id(followed)]
             apart = np.linalg.norm(seen.centres - place, axis=1) / side
             size = np.log(seen.sizes.max(axis=1) / side)
             others = (apart < NEAR) & (np.abs(size) < ALIKE) & (overlap < 0.3)
             score = float(logit(seen.probabilities[k, 0]) - mean)
-            yield gap, float(apart[k]), float(size[k]), score, boxes, int(others.sum())
+            yield gap, float(apart[k]), float(size[k]), score, int(others.sum())
         followed: ImageTrack | None = tracks[k]
 
 
-def mixture(x: NDArray, scale: NDArray, dimensions: int) -> tuple[float, float, float]:
-    """The two standard deviations, in units of `scale`, and the share of the larger, under which errors are most likely."""
+def scales(gap: NDArray, apart: NDArray, size: NDArray) -> tuple[float, float]:
+    """DRIFT and RESIZED under which errors of place (n,; sides) and size (n,) after gaps (n,; s) are most likely."""
     def unlikelihood(p: NDArray) -> float:
-        share = 1.0 / (1.0 + math.exp(-p[2]))
-        parts = [weight * np.exp(-0.5 * (x / (sigma * scale)) ** 2) / (sigma * scale) ** dimensions
-                 for weight, sigma in ((1.0 - share, math.exp(p[0])), (share, math.exp(p[1])))]
-        return -float(np.log(sum(parts) + 1e-12).sum())
+        drift, resized = np.exp(p)
+        errors = BOX + drift * gap
+        off = (apart / errors) ** 2 + (size / resized) ** 2
+        return float((2.5 * np.log1p(0.5 * off) + 2.0 * np.log(errors) + math.log(resized)).sum())
 
-    small, large, share = minimize(unlikelihood, [-2.0, 0.0, -2.0], method='Nelder-Mead', options={'maxiter': 4000}).x
-    return math.exp(small), math.exp(large), 1.0 / (1.0 + math.exp(-share))
+    drift, resized = np.exp(minimize(unlikelihood, [-2.0, -3.0], method='Nelder-Mead').x)
+    return float(drift), float(resized)
 
 
 def main() -> None:
@@ -77,12 +77,9 @@ def main() -> None:
     detector = Detector(args.model, DetectorSettings(score_threshold=0.02, keep=('drone',), threads=1))
     results = [one for split in SPLITS for one in detect_all(detector, args.data, split, 2, args.every)]
     rows = np.array(list(rows_of(results, ScoreFusionModel.from_metadata(detector.model.metadata))))
-    gap, apart, size, score, boxes, others = rows.T
-    followed = boxes > 1
+    gap, apart, size, score, others = rows.T
     print(f'{len(rows)} boxes that continue a track')
-    print('STEADY, TURNING, TURNS: {:.2f}, {:.2f}, {:.2f}'.format(*mixture(apart[followed], gap[followed], 2)))
-    print(f'UNSEEN: {np.sqrt(0.5 * np.mean((apart[~followed] / gap[~followed])**2)):.2f}')
-    print('SIZE, RESIZED, RESIZES: {:.3f}, {:.2f}, {:.2f}'.format(*mixture(size, np.ones_like(size), 1)))
+    print('DRIFT, RESIZED: {:.2f}, {:.3f}'.format(*scales(gap, apart, size)))
     print(f'SPREAD: {score.std():.1f}; OTHERS: {others.mean() / (math.pi * NEAR**2 * 2.0 * ALIKE):.1e}')
 
 

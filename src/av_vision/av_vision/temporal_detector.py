@@ -100,16 +100,12 @@ class TemporalDetector:
             time (s): time of capture.
             regions: parts of the image that were searched; none for all of it.
         """
-        def searched(track: ImageTrack) -> bool:
-            centre, size = track.predicted(time), float(track.size.max())
-            found = not regions or any(region.holds(centre, size) for region in regions)
-            track.looked = time if found else track.looked
-            return found
-
-        tracks = self._tracker.update(candidates, time, searched)
+        tracks = self._tracker.update(candidates, time)
         followed = [(k, track) for k, track in enumerate(tracks) if track is not None]
-        for _, track in followed:
-            track.looked = time
+        for track in self._tracker.tracks:
+            if track.time == time or not regions or any(
+                    region.holds(track.predicted(time), float(track.size.max())) for region in regions):
+                track.looked = time
         posterior = np.array([self._posterior(track, time, candidates.probabilities[k]) for k, track in followed])
         fused = Candidates(candidates.boxes[[k for k, _ in followed]],
                            posterior.reshape(-1, candidates.probabilities.shape[1]))

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.special import expit
 
 from av_vision.detections import Candidates
 from av_vision.motion import Path
@@ -24,18 +25,14 @@ from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel, 
 BEGIN = 0.1
 MAX_GAP_S = 1.0  # for which a track is kept without a detection
 SMOOTHING = 0.4  # weight of the newest velocity
-IMPOSSIBLE = 1e6  # more than any log-odds, so that such a pair is never selected instead of possible ones
-# Fitted by training/detector/continued.py to 1,354 boxes that continue labelled drones, birds and aircraft of 26 clips.
-STEADY, TURNING = 0.29, 0.81     # sides/s, error of the predicted velocity, and of that of an object that turns ...
-TURNS = 0.40                     # ... which is so often
-UNSEEN = 2.2                     # sides/s, speed of an object that was seen once
-SIZE, RESIZED, RESIZES = 0.025, 0.16, 0.15  # of the logarithm of the size; of an object that turns, and how often
-FOUND = 0.85                     # probability that an object gives a box, before its track tells; counts as one image
+# Errors of predicted place and size have Student's t density of two degrees of freedom, in three dimensions: most are small,
+# some many times larger, as objects turn, are seen for the first time, and cameras shake.
+STUDENT = math.lgamma(2.5) - 1.5 * math.log(2.0 * math.pi)
+# Fitted by training/detector/continued.py to boxes that continue labelled drones, birds and aircraft.
+BOX, DRIFT = 0.02, 0.11          # sides, and sides/s: scale of the errors of places
+RESIZED = 0.027                  # of the logarithm of the size
 SPREAD = 2.1                     # log-odds, of the scores of one object about their mean
-OTHERS = 7.6e-4                  # boxes of other things per square side and e-fold of size, where there is a target
-# Not in those clips, whose camera stands still:
-BOX = 0.02                       # sides, jitter of a box at any pace
-SHAKEN, SHAKE = 0.02, 0.75       # how often, and by how many sides, a camera shakes that tells no pose
+OTHERS = 7.6e-4                  # boxes of other things per square side and e-fold of size, for each of the object
 LEAST_SIDE = 16.0                # pixels; boxes of smaller objects are as uncertain
 
 
@@ -50,23 +47,12 @@ def log_odds(tracks: Sequence[ImageTrack], candidates: Candidates, time: float, 
     """
     expected = np.array([track.predicted(time) for track in tracks])
     sides = np.maximum([track.size.max() for track in tracks], LEAST_SIDE)
-    gaps = np.array([time - track.time for track in tracks])
-    rates = np.array([(UNSEEN, UNSEEN) if track.boxes < 2 else (STEADY, TURNING) for track in tracks]).T
+    errors = BOX + DRIFT * np.array([time - track.time for track in tracks])
     apart = np.linalg.norm(expected[:, None] - candidates.centres[None], axis=2) / sides[:, None]
-    steady, turning = (BOX + rate * gaps for rate in rates)
-    place = np.log((1.0 - TURNS - SHAKEN) * normal(apart, steady) + TURNS * normal(apart, turning)
-                   + SHAKEN * normal(apart, SHAKE + turning) + 1e-300)
     before, now = (np.maximum(size, 1.0) for size in ([track.size.max() for track in tracks], candidates.sizes.max(axis=1)))
-    resized = np.log(now[None] / before[:, None])
-    size = np.log(sum(share * np.exp(-0.5 * (resized / sigma) ** 2) / (np.sqrt(2.0 * np.pi) * sigma)
-                      for share, sigma in ((1.0 - RESIZES, SIZE), (RESIZES, RESIZED))) + 1e-300)
-    found = np.array([(track.boxes + FOUND) / (track.boxes + track.missed + 1.0) for track in tracks])
-    return place + size + scores(tracks, candidates, prior) + np.log(found / OTHERS)[:, None]
-
-
-def normal(apart: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Density in the plane at distances (tracks, candidates) for standard deviations (tracks,)."""
-    return np.exp(-0.5 * (apart / sigma[:, None]) ** 2) / (2.0 * np.pi * sigma[:, None] ** 2)
+    off = (apart / errors[:, None]) ** 2 + (np.log(now[None] / before[:, None]) / RESIZED) ** 2
+    alike = STUDENT - 2.5 * np.log1p(0.5 * off) - np.log(errors**2 * RESIZED)[:, None]
+    return alike + scores(tracks, candidates, prior) - math.log(OTHERS)
 
 
 def scores(tracks: Sequence[ImageTrack], candidates: Candidates, prior: float) -> NDArray[np.float64]:
@@ -101,7 +87,6 @@ class ImageTrack:
         scores: posterior of the classes.
         looked (s): capture time of the last image that was searched for it.
         path: where it was, for what its motion says.
-        boxes, missed: numbers of images in which it was found, and looked for in vain.
         continued (0-1): probability that the last box is its object.
         id: 0 until `Tracker.number` assigns one.
     """
@@ -113,8 +98,6 @@ class ImageTrack:
     scores: ScoreFusion
     looked: float = -np.inf
     path: Path = field(default_factory=Path)
-    boxes: int = 1
-    missed: int = 0
     continued: float = 1.0
     id: int = 0
 
@@ -124,7 +107,7 @@ class ImageTrack:
 
 
 class Tracker:
-    """Assigns boxes to tracks of constant velocity, by the Hungarian method on the log-odds of `continuation`.
+    """Assigns boxes to tracks of constant velocity, by the Hungarian method on `log_odds`.
 
     A box that is more likely something else continues no track, which was missed then.
 
@@ -154,31 +137,35 @@ class Tracker:
                 track.path.turn(moved)
             self.tracks = [track for track in self.tracks if np.isfinite(track.centre).all()]
 
-    def update(self, candidates: Candidates, time: float,
-               searched: Callable[[ImageTrack], bool] = lambda _: True) -> list[ImageTrack | None]:
+    def update(self, candidates: Candidates, time: float) -> list[ImageTrack | None]:
         """The track of each candidate; None for candidates of too low score to begin one.
 
         Parameters:
             candidates: candidates of one image.
             time (s): time of capture; a time before the last one (a looped file) discards all tracks.
-            searched: whether a track would have been found in this image, so that its absence tells something.
         """
         if any(time < track.time for track in self.tracks):
             self.reset()
         self.tracks = [track for track in self.tracks if time - track.time <= MAX_GAP_S]
         found: list[ImageTrack | None] = [None] * len(candidates)
-        odds = self._assign(candidates, time)
-        for row, column in odds:
-            found[column] = self.tracks[row]
-            self.tracks[row].continued = 1.0 / (1.0 + math.exp(-odds[row, column]))
-        for track in self.tracks:
-            if not any(track is one for one in found) and searched(track):
-                track.missed += 1
-        for k, assigned in enumerate(found):
-            if assigned is not None:
-                self._follow(assigned, candidates, k, time)
-            elif candidates.scores[k] >= self._begin:
-                found[k] = self._start(candidates, k, time)
+        if self.tracks and len(candidates):
+            # A pair that does not belong together is worth what a track without a box is.
+            odds = np.maximum(log_odds(self.tracks, candidates, time, self._model.prior), 0.0)
+            for row, column in zip(*linear_sum_assignment(odds, maximize=True), strict=True):
+                if odds[row, column] > 0.0:
+                    found[column] = self.tracks[row]
+                    self.tracks[row].continued = float(expit(odds[row, column]))
+        for k, (centre, size) in enumerate(zip(candidates.centres, candidates.sizes, strict=True)):
+            track = found[k]
+            if track is None and candidates.scores[k] >= self._begin:
+                scores = ScoreFusion(self._model, candidates.probabilities.shape[1])
+                track = found[k] = ImageTrack(centre, size, np.zeros(2), time, scores)
+                self.tracks.append(track)
+            elif track is not None and time > track.time:
+                track.velocity += SMOOTHING * ((centre - track.centre) / (time - track.time) - track.velocity)
+            if track is not None:
+                track.centre, track.size, track.time = centre.astype(float), size.astype(float), time
+                track.scores.add(candidates.probabilities[k], time)
         return found
 
     def reset(self) -> None:
@@ -190,28 +177,3 @@ class Tracker:
         if not track.id:
             track.id, self._next = self._next, self._next + 1
         return track.id
-
-    def _assign(self, candidates: Candidates, time: float) -> dict[tuple[int, int], float]:
-        """Log-odds of the pairs of a track and a candidate that belong together."""
-        if not self.tracks or not len(candidates):
-            return {}
-        odds = log_odds(self.tracks, candidates, time, self._model.prior)
-        rows, columns = linear_sum_assignment(np.where(odds > 0.0, -odds, IMPOSSIBLE))
-        return {(row, column): float(odds[row, column])
-                for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if odds[row, column] > 0.0}
-
-    def _follow(self, track: ImageTrack, candidates: Candidates, k: int, time: float) -> None:
-        centre = candidates.centres[k].astype(float)
-        if time > track.time:
-            moved = (centre - track.centre) / (time - track.time)
-            track.velocity += SMOOTHING * (moved - track.velocity)
-        track.boxes += 1
-        track.centre, track.size, track.time = centre, candidates.sizes[k].astype(float), time
-        track.scores.add(candidates.probabilities[k], time)
-
-    def _start(self, candidates: Candidates, k: int, time: float) -> ImageTrack:
-        scores = ScoreFusion(self._model, candidates.probabilities.shape[1])
-        scores.add(candidates.probabilities[k], time)
-        track = ImageTrack(candidates.centres[k].astype(float), candidates.sizes[k].astype(float), np.zeros(2), time, scores)
-        self.tracks.append(track)
-        return track

@@ -105,7 +105,7 @@ def followed(folder, *boxes):
         corners = [[x + off - side / 2, 200 - side / 2, x + off + side / 2, 200 + side / 2] for off, side, *_ in looks]
         candidates = Candidates(np.float32(corners).reshape(-1, 4), np.float32([look[2:] for look in looks]).reshape(-1, 2))
         found, _ = detection.fuse(candidates, 0.1 * k)
-    missed = detection._tracker.tracks[0].missed
+    missed = detection._tracker.tracks[0].time < 0.1 * k
     return found.scores.tolist(), missed
 
 
