@@ -43,11 +43,11 @@ def test_colour_depth_intrinsics_and_stamps(camera, monkeypatch):
     camera.start()
     images = [source.read() for _ in range(8)]
     source.close()
-    assert images[0].pixels.shape == (480, 640, 3)
+    assert images[0].image.shape == (480, 640, 3)
     assert np.median(images[0].depth) == DEPTH_MM
     assert (images[0].camera.fx, images[0].camera.cy) == (605.0, 243.0)
     steps = np.diff([image.time for image in images])
-    frames = np.diff([int(image.pixels[0, 0, 0]) for image in images])
+    frames = np.diff([int(image.image[0, 0, 0]) for image in images])
     assert steps == pytest.approx(frames % 256 / RATE, abs=1e-6)
     assert {arrival for _, arrival in DeviceTime.observed} == {1000.0}
     assert motion[-1][1] == pytest.approx((0.1, 0.2, 0.3))
@@ -118,7 +118,7 @@ def test_a_camera_that_is_stopped_before_it_streams_does_not_begin_to(camera):
         sensor.start(lambda frame: None)
     source.open()
     camera.start()
-    assert source.read().pixels.shape == (480, 640, 3)
+    assert source.read().image.shape == (480, 640, 3)
     source.close()
 
 

@@ -15,7 +15,7 @@ import pytest
 from std_msgs.msg import Header
 
 from av_vision.messages import image_from_message, image_message
-from av_vision.sources.capture import Capture, CapturedImage, DeviceSource, SourceError
+from av_vision.sources.capture import Capture, DeviceSource, Frame, SourceError
 from av_vision.sources.files import IMAGE_SUFFIXES, FileSource, Recording, image_files
 
 # Situations of users, which are not part of the repository.
@@ -321,7 +321,7 @@ def test_raw_counts_of_a_thermal_camera_are_asked_for(monkeypatch):
     monkeypatch.setattr(cv2, 'VideoCapture', GreyDevice)
     source = DeviceSource('0', 320, 256, pixel_format='Y16')
     source.open()
-    image = source.read().pixels
+    image = source.read().image
     assert (image.dtype, image.shape, image[0, 0]) == (np.uint16, (256, 320), 7300)
     with pytest.raises(SourceError, match='no images of GREY'):
         DeviceSource('0', 320, 256, pixel_format='GREY').open()
@@ -347,7 +347,7 @@ class Unplugged:
             raise SourceError('unplugged')
         self.left -= 1
         time.sleep(0.01)
-        return CapturedImage(np.zeros((2, 2), np.uint8), time.time())
+        return Frame(np.zeros((2, 2), np.uint8), time.time())
 
     def close(self):
         self.left = 0
@@ -504,4 +504,4 @@ def test_a_player_waits_for_the_common_beginning_and_joins_in_late(video):
     late = FileSource(video, now=Clock(20.0), wait=lambda seconds: None, begin=lambda: 19.805, steady=Clock(7.0))
     late.open()
     image = late.read()
-    assert image.time == pytest.approx(19.985) and image.pixels.mean() == pytest.approx(90.0, abs=3.0)
+    assert image.time == pytest.approx(19.985) and image.image.mean() == pytest.approx(90.0, abs=3.0)

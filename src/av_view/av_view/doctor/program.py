@@ -146,7 +146,7 @@ def camera(rig: Rig, parameter_files: Sequence[str | Path], seconds: float) -> l
         while len(times) < 2 or (time.monotonic() < end and len(times) < most):
             captured = source.read()
             times.append(captured.time)
-            images = [*images[1 - KEPT_IMAGES:], captured.pixels]
+            images = [*images[1 - KEPT_IMAGES:], captured.image]
     except SourceError as error:
         return [Finding('camera', 'error', str(error), 'does another program use it? sudo fuser -v /dev/video*')]
     finally:

@@ -24,7 +24,7 @@ from av_common.stamps import to_stamp
 from av_common.yaml_reader import load_yaml
 from av_vision.messages import camera_info_message, image_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
-from av_vision.sources.capture import STALE_S, Capture, CapturedImage, DeviceSource, Source
+from av_vision.sources.capture import STALE_S, Capture, DeviceSource, Frame, Source
 from av_vision.sources.files import FileSource
 from av_vision.sources.realsense import RealSenseSource
 
@@ -110,21 +110,21 @@ class CameraNode(RigNode):
         subscribers = self.get_subscriptions_info_by_topic(self._images.topic_name)
         return self._playback.begin({info.node_name for info in subscribers}, self.now())
 
-    def _take(self, image: CapturedImage) -> None:
+    def _take(self, frame: Frame) -> None:
         try:
-            self._publish(image)
+            self._publish(frame)
         except Exception as error:  # noqa: BLE001  this thread is not one that the node guards
             self.refused.refuse('image', error)
 
-    def _publish(self, image: CapturedImage) -> None:
+    def _publish(self, frame: Frame) -> None:
         self._rate.tick()
-        header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
-        self._images.publish(image_message(header, image.pixels))
-        camera = self._camera_of(image)
+        header = Header(stamp=to_stamp(frame.time), frame_id=self._frame_id)
+        self._images.publish(image_message(header, frame.image))
+        camera = self._camera_of(frame)
         if camera is not None:
             self._infos.publish(camera_info_message(header, camera))
-        if self._depths is not None and image.depth is not None:
-            self._depths.publish(image_message(header, image.depth, '16UC1'))
+        if self._depths is not None and frame.depth is not None:
+            self._depths.publish(image_message(header, frame.depth, '16UC1'))
 
     def _publish_motion(self, time: float, angular_velocity: Vector, acceleration: Vector) -> None:
         message = Imu(header=Header(stamp=to_stamp(time), frame_id=self._frame_id),
@@ -133,10 +133,10 @@ class CameraNode(RigNode):
         if self._motions is not None:
             self._motions.publish(message)
 
-    def _camera_of(self, image: CapturedImage) -> PinholeCamera | None:
+    def _camera_of(self, frame: Frame) -> PinholeCamera | None:
         """Its geometry; None, with a reason, for a calibration of other images: no bearing is better than a wrong one."""
-        height, width = image.pixels.shape[:2]
-        camera = self._calibration or image.camera or PinholeCamera.from_fov(width, height, self._fov)
+        height, width = frame.image.shape[:2]
+        camera = self._calibration or frame.camera or PinholeCamera.from_fov(width, height, self._fov)
         try:
             camera, self._misfit = camera.scaled(width, height), ''
         except ValueError as error:

@@ -24,20 +24,22 @@ class SourceError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class CapturedImage:
+class Frame:
     """An image with the data of its source.
 
     Parameters:
-        pixels (h, w[, channels]): BGR uint8, or grey of 8 or 16 bits.
-        time (s): time of capture, on the caller's clock.
+        image (h, w[, channels]): BGR or grey, of 8 or 16 bits; in files also other depths, as float32.
+        time (s): time of capture, on the caller's clock; in a recording since its beginning.
         camera: intrinsics that the device reports.
-        depth (h, w; mm): depth as uint16, aligned to the pixels.
+        depth (h, w; mm): depth as uint16, aligned to the image.
+        index: its number in a recording, from 0.
     """
 
-    pixels: NDArray
+    image: NDArray
     time: float
     camera: PinholeCamera | None = None
     depth: NDArray | None = None
+    index: int = 0
 
 
 class Source(Protocol):
@@ -46,7 +48,7 @@ class Source(Protocol):
     def open(self) -> None:
         """Begin to capture."""
 
-    def read(self) -> CapturedImage | None:
+    def read(self) -> Frame | None:
         """The next image."""
 
     def close(self) -> None:
@@ -62,7 +64,7 @@ class Capture:
         retry_s (s): pause before the source is opened again.
     """
 
-    def __init__(self, source: Source, deliver: Callable[[CapturedImage], None], retry_s: float = 1.0) -> None:
+    def __init__(self, source: Source, deliver: Callable[[Frame], None], retry_s: float = 1.0) -> None:
         self.problem = ''
         self.finished = False
         self.reconnections = 0
@@ -145,7 +147,7 @@ class DeviceSource:
         if self.pixel_format and self._video.get(cv2.CAP_PROP_FOURCC) != code:
             raise SourceError(f'camera {self.device} has no images of {self.pixel_format}; see v4l2-ctl --list-formats')
 
-    def read(self) -> CapturedImage:
+    def read(self) -> Frame:
         """The next image; raises SourceError when the device delivers none."""
         good, image = self._video.read()
         arrival = self.now()
@@ -156,7 +158,7 @@ class DeviceSource:
             raise SourceError(f'camera {self.device} delivers {image.dtype} of shape {image.shape}, not {self.pixel_format}')
         image = image if depth is None else image.squeeze()
         age = time.monotonic() - 1e-3 * self._video.get(cv2.CAP_PROP_POS_MSEC)
-        return CapturedImage(image, arrival - age if 0.0 <= age < OLDEST_S else arrival)
+        return Frame(image, arrival - age if 0.0 <= age < OLDEST_S else arrival)
 
     def close(self) -> None:
         """Close the device."""

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from av_common.files import MEGABYTE, check_file, one_line
 from av_vision.image import MOST_PIXELS, decode_image
-from av_vision.sources.capture import CapturedImage, SourceError
+from av_vision.sources.capture import Frame, SourceError
 
 FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states no rate
 ASK_AGAIN_S = 0.02     # whether the playback may begin
@@ -88,21 +88,6 @@ def _counted(path: Path) -> tuple[list[tuple[int, str]], str]:
     return [(int(part), '') if k % 2 else (-1, part) for k, part in enumerate(parts)], path.name
 
 
-@dataclass(frozen=True)
-class Frame:
-    """An image of a recording.
-
-    Parameters:
-        index: its number, from 0.
-        time (s): its time in the recording.
-        image (h, w[, channels]): its pixels.
-    """
-
-    index: int
-    time: float
-    image: NDArray
-
-
 class Recording:
     """A video, an image or a folder of images, read frame by frame.
 
@@ -158,7 +143,7 @@ class Recording:
             if not wanted(index / self.rate):
                 continue
             try:
-                yield Frame(index, index / self.rate, read_image(path, page))
+                yield Frame(read_image(path, page), index / self.rate, index=index)
             except SourceError as error:
                 lost.append(str(error))
                 if len(lost) == len(self._files):
@@ -179,7 +164,7 @@ class Recording:
                         self._problems['alike'] = (
                             f'all {alike} images so far are the same to the bit, as OpenCV reads interlaced videos; if it is '
                             f'one, {CONVERT} -i IN -vf bwdif OUT.mp4') if alike >= ALIKE else ''
-                        yield Frame(index, at, image)
+                        yield Frame(image, at, index=index)
             rate = max(video.get(cv2.CAP_PROP_FPS), 1.0)
             if stated * rate + 1.0 < WHOLE * self.count:
                 self._problems['cut'] = f'its images end at {stated:.1f} of {self.count / rate:.1f} s: is it cut off?'
@@ -278,14 +263,14 @@ class FileSource:
         self._offset = now - self._steady()    # of the caller's clock
         self._rewind()
 
-    def read(self) -> CapturedImage | None:
+    def read(self) -> Frame | None:
         """The next frame at its time; None at the end of a file that is not looped, and once it is closed."""
         while not self._closed.is_set():
             frame = next(self._frames, None)
             if frame is not None:
                 due = self._start + frame.time
                 self._wait(max(due - self._offset - self._steady(), 0.0))
-                return None if self._closed.is_set() else CapturedImage(frame.image, due)
+                return None if self._closed.is_set() else replace(frame, time=due)
             if not self._loop or self._last < 0.0:
                 return None
             self._start += self._last + self._interval

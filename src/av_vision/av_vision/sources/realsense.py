@@ -13,7 +13,7 @@ import numpy as np
 
 from av_common.camera import PinholeCamera
 from av_common.clock import SenderClock
-from av_vision.sources.capture import STALE_S, CapturedImage, SourceError
+from av_vision.sources.capture import STALE_S, Frame, SourceError
 
 TIMEOUT_MS = round(1e3 * STALE_S)
 PARTIAL_S = 10.0  # of frames without colour, depth where that is wanted, or a valid time: streams begin within a few seconds
@@ -63,7 +63,7 @@ class RealSenseSource:
         except RuntimeError as error:
             raise SourceError(f'RealSense {self.serial}: {error}') from error
 
-    def read(self) -> CapturedImage:
+    def read(self) -> Frame:
         """The next colour image, with the depth that belongs to it; raises SourceError when no such frames arrive."""
         begun = time.monotonic()
         while time.monotonic() - begun < PARTIAL_S:
@@ -129,7 +129,7 @@ class RealSenseSource:
         mine = (video.width(), video.height(), video.fps()) == (self.width, self.height, int(self.rate or 30))
         return bool(right_form and mine)
 
-    def _captured(self, frames: Any, taken: float) -> CapturedImage:
+    def _captured(self, frames: Any, taken: float) -> Frame:
         if self.depth:
             frames = self._align.process(frames)
         colour = frames.get_color_frame()
@@ -137,7 +137,7 @@ class RealSenseSource:
         if self.depth and frames.get_depth_frame():
             raw = np.asanyarray(frames.get_depth_frame().get_data())
             depth = raw.copy() if self._depth_unit == 1e-3 else np.rint(raw * (1e3 * self._depth_unit)).astype(np.uint16)
-        return CapturedImage(np.asanyarray(colour.get_data()).copy(), taken, self._camera(colour), depth)
+        return Frame(np.asanyarray(colour.get_data()).copy(), taken, self._camera(colour), depth)
 
     def _camera(self, colour: Any) -> PinholeCamera:
         lens = colour.profile.as_video_stream_profile().intrinsics
