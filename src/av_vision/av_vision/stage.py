@@ -11,6 +11,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
@@ -25,7 +26,7 @@ from av_interfaces.msg import Bearing, Visibility
 from av_vision import visibility as visibilities
 from av_vision.camera_pose import CameraPose, angle_between, pixel_of
 from av_vision.detections import Detections
-from av_vision.image import MOST_PIXELS, AutomaticGain, check_pixels
+from av_vision.image import MOST_PIXELS, AutomaticGain
 from av_vision.messages import detections_message, header_of, image_from_message
 from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
@@ -47,65 +48,6 @@ OVERTAKEN_S = 1.0  # age against the newest, up to which an image or an attitude
 FROZEN_S = 5.0    # video streams repeat a still scene until their next whole picture, some seconds later
 
 
-class VisibilityReporter:
-    """Estimates visibility every PERIOD_S.
-
-    Distances come from depth images, or from the camera's height over flat ground; without either only the share of contrast
-    that is left in the image is known.
-
-    Parameters:
-        target_distance (m): distance for which the share of contrast is reported.
-        camera_height (m): height over flat ground; 0 when unknown.
-    """
-
-    def __init__(self, target_distance: float, camera_height: float = 0.0) -> None:
-        self._target_distance, self._camera_height = target_distance, camera_height
-        self._next = -math.inf
-        self._depth: tuple[float, NDArray] | None = None  # time in s, image
-
-    def on_depth(self, message: Any) -> None:
-        """Use a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
-
-        Raises ValueError for an image that cannot be read.
-        """
-        depth = image_from_message(message)
-        if depth.ndim != 2 or depth.dtype == np.uint8:
-            raise ValueError(f'encoding {message.encoding!r} of a depth image, expected 16UC1 (mm) or 32FC1 (m)')
-        self._depth = to_seconds(message.header.stamp), depth
-
-    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None,
-               rotation: NDArray | None = None) -> visibilities.Visibility | None:
-        """The visibility in an image, None when no estimate is due.
-
-        Parameters:
-            image (h, w[, channels]): BGR, grey or 16-bit.
-            time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
-            camera: of this image, for flat ground; None while unknown.
-            rotation (3, 3): from its optical frame to a level frame; None where unknown: it looks level.
-        """
-        if self._next - PERIOD_S <= time < self._next:
-            return None
-        self._next = time + PERIOD_S
-        level = FLU_TO_OPTICAL.T if rotation is None else rotation
-        distance = self._distance((image.shape[0], image.shape[1]), time, camera, level)
-        return visibilities.estimate(image, distance, self._target_distance)
-
-    def reset(self) -> None:
-        """Estimate visibility in the next image, and discard the last depth image."""
-        self._next, self._depth = -math.inf, None
-
-    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None,
-                  rotation: NDArray) -> NDArray | None:
-        if self._depth is not None and abs(self._depth[0] - time) <= LATEST_S:    # an older one is of another scene
-            depth = self._depth[1]
-            if depth.shape != shape:
-                return None
-            return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
-        if camera is None or not self._camera_height > 0.0:
-            return None
-        return visibilities.ground_distances(camera, self._camera_height, rotation)
-
-
 class DetectionStage:
     """Detects objects in every image and estimates visibility in some of them.
 
@@ -114,14 +56,20 @@ class DetectionStage:
         detected: its detections and their tracks.
         unchanged (s): for how long all images have been the same to the bit: noise alone makes a camera's images differ.
 
+    Distances for visibility come from depth images, or from the camera's height over flat ground; without either only the share
+    of contrast that is left in the image is known.
+
     Parameters:
         detector: the detector and its state over images.
-        visibility: estimates visibility; None for no estimates.
         kind: of the camera: visible, thermal, or black_hot, whose images are inverted first, as detectors know heat bright.
+        target_distance (m): distance for which the share of contrast is reported.
+        camera_height (m): height over flat ground; 0 when unknown.
     """
 
-    def __init__(self, detector: TemporalDetector, visibility: VisibilityReporter | None = None, kind: str = 'visible') -> None:
-        self.detector, self._black_hot = detector, kind == 'black_hot'
+    def __init__(self, detector: TemporalDetector, kind: str = 'visible', target_distance: float = 10.0,
+                 camera_height: float = 0.0) -> None:
+        self.detector, self._kind = detector, kind
+        self._target_distance, self._camera_height = target_distance, camera_height
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
         self.unchanged = 0.0
@@ -129,7 +77,8 @@ class DetectionStage:
         self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
         self._newest = -math.inf  # capture time of the newest image
         self._gain = AutomaticGain(kind != 'visible')
-        self._visibility = visibility
+        self._next_estimate = -math.inf
+        self._depth: tuple[float, NDArray] | None = None  # time in s, image
         self.mount(lambda frame, time: None)
         self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)  # from the body to the world
         self._bearing = (-math.inf, Bearing())  # when it was measured
@@ -160,16 +109,11 @@ class DetectionStage:
         if self.unchanged > FROZEN_S:
             return None, None
         image = self.shown = self._gain.apply(counts, time)
-        image = 255 - image if self._black_hot else image
+        image = 255 - image if self._kind == 'black_hot' else image
         detections, tracks = self.detected = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
-        level = None if pose is None else pose.to_body if pose.to_world is None else pose.to_world
-        left = None if self._visibility is None else self._visibility.report(image, time, camera, level)
-        planner = self.detector.planner
-        visibility = None if left is None else Visibility(
-            header=header, visibility=FOUND * left.share * left.sharp, range=left.range,
-            unsearched=0.0 if planner is None else 1.0 - planner.share)
         complete = len(detections) or self.detector.searched(time)
-        return detections_message(header, detections, tracks) if complete else None, visibility
+        return (detections_message(header, detections, tracks) if complete else None,
+                self._visibility(header, image, time, camera, pose))
 
     def on_odometry(self, message: Odometry) -> None:
         """Use the rig's attitude, so that its rotation breaks no track. Raises ValueError for an impossible one."""
@@ -246,11 +190,37 @@ class DetectionStage:
         sigma = np.sqrt([message.azimuth_variance, message.elevation_variance if known else math.inf])
         return None if pixel is None else BearingCue(pixel, sigma * (pose.camera.fx, pose.camera.fy))
 
+    def _visibility(self, header: Header, image: NDArray, time: float, camera: PinholeCamera | None,
+                    pose: CameraPose | None) -> Visibility | None:
+        """The visibility in an image, None when no estimate is due; how far light reaches says nothing about heat."""
+        if self._kind != 'visible' or self._next_estimate - PERIOD_S <= time < self._next_estimate:
+            return None
+        self._next_estimate = time + PERIOD_S
+        left = visibilities.estimate(image, self._distance(image, time, camera, pose), self._target_distance)
+        planner = self.detector.planner
+        return Visibility(header=header, visibility=FOUND * left.share * left.sharp, range=left.range,
+                          unsearched=0.0 if planner is None else 1.0 - planner.share)
+
+    def _distance(self, image: NDArray, time: float, camera: PinholeCamera | None, pose: CameraPose | None) -> NDArray | None:
+        """Distance (h, w; m) of what an image shows, None where nothing tells; without a pose the camera looks level."""
+        if self._depth is not None and abs(self._depth[0] - time) <= LATEST_S:    # an older one is of another scene
+            depth = self._depth[1]
+            return depth if depth.shape == image.shape[:2] else None
+        if camera is None or not self._camera_height > 0.0:
+            return None
+        level = FLU_TO_OPTICAL.T if pose is None else pose.to_body if pose.to_world is None else pose.to_world
+        return visibilities.ground_distances(camera, self._camera_height, level)
+
     def on_depth(self, message: Image) -> None:
-        """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
-        check_pixels(message.width, message.height, self._most_pixels)
-        if self._visibility is not None:
-            self._visibility.on_depth(message)
+        """Use a depth image (16UC1 in mm or 32FC1 in m) that is aligned to the colour image as scale for visibility.
+
+        Raises ValueError for an image that cannot be read, or of another type.
+        """
+        depth = image_from_message(message, self._most_pixels)
+        if depth.ndim != 2 or depth.dtype == np.uint8:
+            raise ValueError(f'encoding {message.encoding!r} of a depth image, expected 16UC1 (mm) or 32FC1 (m)')
+        metres = depth.astype(np.float32) * np.float32(1e-3 if depth.dtype == np.uint16 else 1.0)
+        self._depth = to_seconds(message.header.stamp), metres
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Use the intrinsics, also for visibility over flat ground. Raises ValueError for impossible ones."""
@@ -259,9 +229,8 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
-        self._newest = -math.inf
-        if self._visibility is not None:
-            self._visibility.reset()
+        self._newest = self._next_estimate = -math.inf
+        self._depth = None
 
 
 def make_detection_stage(parameters: Any) -> DetectionStage:
@@ -276,9 +245,7 @@ def make_detection_stage(parameters: Any) -> DetectionStage:
     planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS, 0.0 if p.regions else p.look_time
                             ) if near and p.search == 'adaptive' else None
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
-    # How far light reaches says nothing about heat.
-    visibility = None if p.camera_kind != 'visible' else VisibilityReporter(p.visibility_distance, p.camera_height)
-    return DetectionStage(temporal, visibility, p.camera_kind)
+    return DetectionStage(temporal, p.camera_kind, p.visibility_distance, p.camera_height)
 
 
 def make_detector(parameters: Any, keep: tuple[str, ...] = (DRONE,)) -> Detector:
