@@ -93,6 +93,18 @@ def test_fused_scores_of_places_never_seen_are_right_as_often_as_they_say():
     assert np.mean([(one >= usual).any() for one, _ in airplane]) < 0.45
 
 
+@pytest.mark.skipif(not CLIPS.exists(), reason=f'{CLIPS} is not here')
+@pytest.mark.parametrize(('clip', 'frame', 'right'), [
+    ('V_DRONE_055', 0, 423), ('V_DRONE_076', 0, 257), ('V_DRONE_076', 120, 289), ('V_DRONE_017', 120, 363)])
+def test_a_drone_at_the_edge_is_where_it_is_in_the_whole_image(detector, clip, frame, right):
+    """Images are cut off a pixel beside the drone; boxes have the padding of the labels, 10 pixels to each side."""
+    video = cv2.VideoCapture(str(CLIPS / 'video' / f'{clip}.mp4'))
+    video.set(cv2.CAP_PROP_POS_FRAMES, frame)
+    image = video.read()[1]
+    whole, cut = detector.detect(image), detector.detect(np.ascontiguousarray(image[:, :right]))
+    assert cut.centres[0] == pytest.approx(whole.centres[0], abs=2.5)
+
+
 REPEATED = """
 import pathlib, numpy as np
 from av_vision.models import shipped_model

@@ -41,6 +41,16 @@ def test_boxes_come_back_at_any_shape(tmp_path, shape):
     assert found.boxes == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.parametrize(('box', 'shape'), [((390, 100, 424, 130), (416, 416)), ((-12, -6, 20, 24), (416, 416)),
+                                            ((100, 180, 140, 218), (208, 416))])
+def test_the_middle_of_a_box_that_reaches_beyond_the_image_stays(tmp_path, box, shape):
+    """It is the bearing: padded boxes of what is at an edge, and objects that go on beyond it."""
+    output = yolo_models.rows_of('v8', 416, 3, ((*box, 1, 0.9),))[None]
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES, output=output))
+    found = detector.detect(np.zeros((*shape, 3), np.uint8))
+    assert found.boxes == pytest.approx(np.array([box]), abs=1e-3)
+
+
 def test_names_are_kept_renamed_and_checked(tmp_path):
     path = yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES)
     only = Detector(path, DetectorSettings(keep=('drone',))).detect(np.zeros((416, 416), np.uint8))

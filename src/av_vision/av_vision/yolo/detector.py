@@ -96,8 +96,11 @@ class Detector:
         image = to_bgr8(image)
         found = [self._infer(image, region, floor) for region in regions or self._whole(*image.shape[:2])]
         boxes, probabilities = (np.concatenate(part) for part in zip(*found, strict=True))
-        limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
-        candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
+        # A box whose middle is in the image may reach beyond it, as its object or its padding does: the middle is the bearing.
+        middle, size = 0.5 * (boxes[:, :2] + boxes[:, 2:]), np.array(image.shape[1::-1], np.float32)
+        inside = ((middle >= 0.0) & (middle <= size)).all(axis=1, keepdims=True)
+        boxed = np.where(inside, boxes, np.clip(boxes, 0.0, np.tile(size, 2)))
+        candidates = Candidates(boxed.astype(np.float32), probabilities)
         # Exports without duplicates of their own may have one object as two classes.
         selected = suppress(boxes, candidates.scores)
         return Candidates(candidates.boxes[selected], probabilities[selected])
