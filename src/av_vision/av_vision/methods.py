@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from av_common.methods import Methods
 from av_vision.detections import Candidates
 from av_vision.image import to_bgr8
-from av_vision.yolo.detector import Detector, DetectorSettings
+from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.letterbox import Region
 
 DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:make_detector'}, 'model', 'an ONNX file or ')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from av_vision.methods import ForeignDetector, is_model_file
-from av_vision.yolo.detector import DetectorSettings
+from av_vision.yolo import DetectorSettings
 
 
 @pytest.mark.parametrize('name', ['', '.', 'x' * 5000, 'a\0b', '/', 'missing/model', 'unknown'])

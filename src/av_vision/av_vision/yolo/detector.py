@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,38 +12,11 @@ from numpy.typing import NDArray
 from av_vision.detections import Candidates, Detections, suppress
 from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import Region, fitting_size, letterbox, whole_in_tile
-from av_vision.yolo.model import Model, ModelError
+from av_vision.yolo.model import DetectorSettings, Model, ModelError
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well
 MOST_DETECTIONS = 50  # in an image, by falling score
-
-
-@dataclass(frozen=True)
-class DetectorSettings:
-    """Options of a detector. Raises ValueError for a value outside its bounds.
-
-    Parameters:
-        score_threshold (0-1): least score of a detection; 0 uses `score_threshold` of the model's metadata, or 0.25.
-        keep: names of the detections to report, after renaming; empty for all.
-        rename: new names of classes of the model.
-        class_names: names of the model's classes in its order; empty uses the metadata.
-        input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
-        providers: execution providers of onnxruntime in order of preference.
-        threads: number of threads for one image; 0 uses the default of onnxruntime.
-    """
-
-    score_threshold: float = 0.0
-    keep: tuple[str, ...] = ()
-    rename: dict[str, str] = field(default_factory=dict)
-    class_names: tuple[str, ...] = ()
-    input_size: int = 0
-    providers: tuple[str, ...] = ('CPUExecutionProvider',)
-    threads: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.score_threshold <= 1.0:
-            raise ValueError(f'score_threshold is {self.score_threshold}, expected 0 to 1')
 
 
 class Detector:
@@ -54,9 +27,9 @@ class Detector:
         settings: options.
     """
 
-    def __init__(self, model_path: str | Path, settings: DetectorSettings = DetectorSettings()) -> None:
-        self.settings = settings
-        self.model = Model(model_path, settings.providers, settings.threads, settings.class_names, settings.input_size)
+    def __init__(self, model_path: str | Path, settings: DetectorSettings | None = None) -> None:
+        self.settings = settings = settings or DetectorSettings()
+        self.model = Model(model_path, settings)
         self.near = self._near_model(Path(model_path))
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
@@ -71,12 +44,12 @@ class Detector:
 
     def _near_model(self, path: Path) -> Model:
         """The network of the metadata's `near_model`, a file beside the model; the model itself without."""
-        name, model, settings = self.model.metadata.get('near_model', ''), self.model, self.settings
+        name, model = self.model.metadata.get('near_model', ''), self.model
         if not name or not model.near:
             return model
         if Path(name).name != name:
             raise ModelError(f'{path} has near_model {name!r} in its metadata, expected the name of a file beside it')
-        near = Model(path.parent / name, settings.providers, settings.threads, settings.class_names, model.near)
+        near = Model(path.parent / name, replace(self.settings, input_size=model.near))
         if near.class_names != model.class_names:
             raise ModelError(f'{near.path} has the classes {near.class_names}, expected those of {path}: {model.class_names}')
         return near

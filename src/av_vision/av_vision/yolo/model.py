@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,33 @@ class ModelError(ValueError):
     """A model cannot be used; the message names the reason."""
 
 
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Options of a detector. Raises ValueError for a value outside its bounds.
+
+    Parameters:
+        score_threshold (0-1): least score of a detection; 0 uses `score_threshold` of the model's metadata, or 0.25.
+        keep: names of the detections to report, after renaming; empty for all.
+        rename: new names of classes of the model.
+        class_names: names of the model's classes in its order; empty uses the metadata.
+        input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
+        providers: execution providers of onnxruntime in order of preference.
+        threads: number of threads for one image; 0 uses the default of onnxruntime.
+    """
+
+    score_threshold: float = 0.0
+    keep: tuple[str, ...] = ()
+    rename: dict[str, str] = field(default_factory=dict)
+    class_names: tuple[str, ...] = ()
+    input_size: int = 0
+    providers: tuple[str, ...] = ('CPUExecutionProvider',)
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.score_threshold <= 1.0:
+            raise ValueError(f'score_threshold is {self.score_threshold}, expected 0 to 1')
+
+
 class Model:
     """An onnxruntime session with its input's size, its output's layout and its class names.
 
@@ -45,22 +73,18 @@ class Model:
 
     Parameters:
         path: ONNX file.
-        providers: execution providers of onnxruntime in order of preference.
-        threads: number of threads for one image; 0 uses the default of onnxruntime.
-        class_names: names in the order of the model; empty uses the metadata.
-        input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
+        settings: options.
     """
 
-    def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
-                 class_names: Sequence[str] = (), input_size: int = 0) -> None:
+    def __init__(self, path: str | Path, settings: DetectorSettings = DetectorSettings()) -> None:
         self.path = Path(path).expanduser()
-        self.session = open_session(self.path, providers, threads)
+        self.session = open_session(self.path, settings.providers, settings.threads)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         self._input = self._check_input()
         self.dtype = FLOATS[self._input.type]
         size = self._input.shape[2:]
         self.dynamic_size = not all(isinstance(side, int) for side in size)
-        self.longest = self._longest(input_size, size)
+        self.longest = self._longest(settings.input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
         self.box_padding = np.array(self._stated('padding', '[0, 0]', _is_padding, '[width, height] to 100 pixels'), np.float32)
         near = self._stated('near_imgsz', '0', lambda given: isinstance(given, int) and given >= 0 and given % 32 == 0,
@@ -70,7 +94,7 @@ class Model:
         self.score_threshold = float(self._stated(
             'score_threshold', '0.25', lambda given: isinstance(given, (int, float)) and 0.0 <= given <= 1.0, '0 to 1'))
         self._output_name = self.session.get_outputs()[0].name
-        names = tuple(class_names) or self._names()
+        names = settings.class_names or self._names()
         grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
         try:
             self.layout = recognise(self.run(grey), self.size, len(names))
