@@ -197,9 +197,8 @@ class DetectionStage:
             return None
         self._next_estimate = time + PERIOD_S
         left = visibilities.estimate(image, self._distance(image, time, camera, pose), self._target_distance)
-        planner = self.detector.planner
         return Visibility(header=header, visibility=FOUND * left.share * left.sharp, range=left.range,
-                          unsearched=0.0 if planner is None else 1.0 - planner.share)
+                          unsearched=1.0 - self.detector.planner.share)
 
     def _distance(self, image: NDArray, time: float, camera: PinholeCamera | None, pose: CameraPose | None) -> NDArray | None:
         """Distance (h, w; m) of what an image shows, None where nothing tells; without a pose the camera looks level."""

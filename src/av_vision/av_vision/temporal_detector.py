@@ -12,7 +12,7 @@ from av_vision.camera_pose import CameraPose, turned
 from av_vision.detections import Candidates, Detections
 from av_vision.motion import MotionModel
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
-from av_vision.search import BearingCue, Cue, RegionPlanner
+from av_vision.search import FULL, BearingCue, Cue, RegionPlanner
 from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
 from av_vision.yolo.letterbox import Region, turned_boxes, turned_region
@@ -35,7 +35,8 @@ class TemporalDetector:
     """
 
     def __init__(self, detector: Detector, temporal_fusion: bool = True, planner: RegionPlanner | None = None) -> None:
-        self.detector, self.planner = detector, planner
+        self.detector = detector
+        self.planner = planner or RegionPlanner(detector.model.longest, detector.model.near, FULL)
         model = ScoreFusionModel.from_metadata(detector.model.metadata) if temporal_fusion else SINGLE_IMAGE
         # Without memory, boxes below the threshold are not used.
         self.model = replace(model, floor=min(model.floor, detector.threshold) if model.memory_s else detector.threshold)
@@ -73,7 +74,7 @@ class TemporalDetector:
             before = self._pose
             self._tracker.turn(lambda pixels: turned(pixels, before, pose))
         self._pose = pose
-        regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing) if self.planner else ()
+        regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing)
         return self._upright(image, regions, 0 if pose is None else pose.quarters), regions
 
     def _upright(self, image: NDArray, regions: Sequence[Region], quarters: int) -> Candidates:
@@ -133,7 +134,7 @@ class TemporalDetector:
             likely = self._is_likely(track)
             if ((track.id or likely) and track.looked < time) or (likely and track.time == time):
                 return False
-        return self.planner is None or self.planner.searched(time)
+        return self.planner.searched(time)
 
     def _is_likely(self, track: ImageTrack) -> bool:
         """Whether a track would be reported if it were not for its motion."""
@@ -149,5 +150,4 @@ class TemporalDetector:
     def reset(self) -> None:
         """Discard all tracks; their numbers are not used again."""
         self._tracker.reset()
-        if self.planner:
-            self.planner.reset()
+        self.planner.reset()

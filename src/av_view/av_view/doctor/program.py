@@ -191,16 +191,14 @@ def _detector(settings: Any, size: tuple[int, int], rate: float) -> Finding:
         detector = make_detection_stage(settings).detector
     except ValueError as error:
         return Finding('processor', 'error', str(error), 'set model of detector_node')
-    planner = detector.planner
     image, spent = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8), []
     for number in range(ROUNDS):
         begin = time.perf_counter()
         detector.detect(image, number / rate)
         spent.append(time.perf_counter() - begin)
-        if planner is not None:
-            planner.took(spent[-1])
-    searched = f' ({planner.regions} regions)' if planner is not None else ''
-    return judge_detector(1000.0 * float(np.median(spent[ROUNDS // 2:])), rate, f'detector_node{searched}')
+        detector.planner.took(spent[-1])
+    searched = f'{detector.planner.planned or "all"} regions'
+    return judge_detector(1000.0 * float(np.median(spent[ROUNDS // 2:])), rate, f'detector_node ({searched})')
 
 
 def _synchronised() -> bool | None:

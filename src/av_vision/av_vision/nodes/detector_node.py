@@ -106,8 +106,7 @@ class DetectorNode(RigNode):
         started = time.perf_counter()
         detections, visibility = self._stage.on_image(message, self.now())
         self._took = time.perf_counter() - started
-        if self._stage.detector.planner is not None:
-            self._stage.detector.planner.took(self._took)
+        self._stage.detector.planner.took(self._took)
         if visibility is not None:
             self._visibility.publish(visibility)
         if detections is None:
@@ -126,9 +125,7 @@ class DetectorNode(RigNode):
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
         status.add('delay from capture', f'{1e3 * self._delay:.1f} ms')
-        planner = self._stage.detector.planner
-        if planner is not None:
-            status.add('regions per image', str(planner.regions))
+        status.add('regions per image', str(self._stage.detector.planner.planned or 'all of it'))
         status.add('dropped (replaced by a newer image)', str(self._dropped))
         if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
