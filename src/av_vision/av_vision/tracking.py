@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +123,7 @@ class Tracker:
         self._model = model
         self._begin = BEGIN if model.memory_s > 0.0 else 0.0
         self.tracks: list[ImageTrack] = []
-        self._next = 1
+        self._numbers = count(1)
 
     def turn(self, moved: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
         """Move the tracks as a rotation of the camera moves the image.
@@ -174,6 +175,5 @@ class Tracker:
 
     def number(self, track: ImageTrack) -> int:
         """The number of a track, from 1, never used twice."""
-        if not track.id:
-            track.id, self._next = self._next, self._next + 1
+        track.id = track.id or next(self._numbers)
         return track.id

@@ -83,6 +83,52 @@ def test_tables_of_boxes_are_read_by_their_values(tmp_path, name, half):
     assert found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
 
 
+def write_apart(path, outputs, sizes=False):
+    """A model whose boxes, classes and scores are outputs; with `sizes` an input tells what boxes are scaled to."""
+    nodes, values = [helper.make_node('ReduceMean', ['images'], ['mean'], keepdims=0),
+                     helper.make_node('Mul', ['mean', 'zero'], ['nothing'])], [numpy_helper.from_array(np.float32(0), 'zero')]
+    inputs = [helper.make_tensor_value_info('images', TensorProto.FLOAT, ['N', 3, SIDE, SIDE])]
+    for name, answer in outputs.items():
+        values.append(numpy_helper.from_array(np.asarray(answer, np.float32), f'of_{name}'))
+        whole = name == 'labels'
+        nodes += [helper.make_node('Add', [f'of_{name}', 'nothing'], [f'sum_{name}']),
+                  helper.make_node('Cast', [f'sum_{name}'], [f'cast_{name}' if sizes and name == 'boxes' else name],
+                                   to=TensorProto.INT64 if whole else TensorProto.FLOAT)]
+    if sizes:
+        inputs.append(helper.make_tensor_value_info('orig_target_sizes', TensorProto.INT64, ['N', 2]))
+        values += [numpy_helper.from_array(np.array([1]), 'axis'), numpy_helper.from_array(np.array([1, 1, 2]), 'twice')]
+        nodes += [helper.make_node('Cast', ['orig_target_sizes'], ['sizes'], to=TensorProto.FLOAT),
+                  helper.make_node('Unsqueeze', ['sizes', 'axis'], ['row']),
+                  helper.make_node('Tile', ['row', 'twice'], ['scale']),
+                  helper.make_node('Mul', ['cast_boxes', 'scale'], ['boxes'])]
+    given = [helper.make_tensor_value_info(name, TensorProto.INT64 if name == 'labels' else TensorProto.FLOAT, None)
+             for name in outputs]
+    model = helper.make_model(helper.make_graph(nodes, 'apart', inputs, given, values),
+                              opset_imports=[helper.make_opsetid('', 17)], ir_version=8)
+    helper.set_model_props(model, NAMES)
+    onnx.save(model, str(path))
+    return path
+
+
+@pytest.mark.parametrize('export', ['RT-DETR', 'with suppression', 'a score for each class', 'YOLO-NAS'])
+def test_boxes_classes_and_scores_may_be_outputs_of_their_own(tmp_path, export):
+    boxes, labels, scores = (part[None] for part in table())
+    cells = yolo_models.grid(SIDE)
+    around = np.concatenate([(cells[:, :2] - 0.5) * cells[:, 2:], (cells[:, :2] + 1.5) * cells[:, 2:]], axis=1)
+    by_cell = np.full((len(cells), 3), 0.01)
+    for row, (*box, label, score) in zip((40, 900), SEEN, strict=True):
+        around[row], by_cell[row, label] = box, score
+    path = tmp_path / 'model.onnx'
+    write_apart(path, {
+        'RT-DETR': {'labels': labels, 'boxes': boxes / SIDE, 'scores': scores},
+        'with suppression': {'num': [[100]], 'boxes': boxes, 'scores': scores, 'labels': labels},
+        'a score for each class': {'scores': by_class(labels[0], scores[0])[None], 'boxes': centred(boxes[0])[None] / SIDE},
+        'YOLO-NAS': {'boxes': around[None], 'scores': by_cell[None]}}[export], sizes=export == 'RT-DETR')
+    found = Detector(path).detect(IMAGE)
+    assert found.class_names == ('drone', 'bird') and found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
+    assert found.boxes == pytest.approx(np.array([row[:4] for row in SEEN]), abs=0.01)
+
+
 def write_finder(path, order, places, shares, side=SIDE):
     """A network that finds the bright rectangle of an image, and tells it in a table of eight rows, seven of them doubtful.
 

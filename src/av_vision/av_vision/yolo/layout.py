@@ -6,6 +6,7 @@ rows, each of a box; what their columns are is a `Reading`. Tables of boxes, who
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -82,6 +83,21 @@ def grid(size: tuple[int, int], strides: tuple[int, ...], anchors: int = 1) -> t
         cells += [np.stack([x, y], -1).reshape(-1, 2)] * anchors
         steps.append(np.full((anchors * y.size, 1), stride))
     return np.concatenate(cells).astype(np.float32), np.concatenate(steps).astype(np.float32)
+
+
+def joined(outputs: Sequence[NDArray]) -> tuple[NDArray[np.float32], int]:
+    """One output (1, a, b) for an image, and how many classes it has where that is certain, else 0.
+
+    Boxes (1, n, 4) are joined with the outputs that have one or more values for each of them; else the first output counts.
+    Exports with suppression of their own give one table (n, columns) for one image.
+    """
+    boxes = next((one for one in outputs if one.ndim == 3 and one.shape[2] == 4), np.empty(()))
+    others = [one.reshape(*boxes.shape[:2], -1) for one in outputs if one is not boxes and 2 <= one.ndim <= 3
+              and one.shape[:2] == boxes.shape[:2]]
+    if others:
+        return np.concatenate([boxes, *others], axis=2, dtype=np.float32), others[0].shape[2] if len(others) == 1 else 0
+    first = outputs[0]
+    return np.asarray(first[None] if first.ndim == 2 and first.shape[1] in TABLE_COLUMNS else first, np.float32), 0
 
 
 def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layout:

@@ -15,7 +15,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from av_common.files import check_file, nearest, one_line, shown
-from av_vision.yolo.layout import TABLE_COLUMNS, recognise
+from av_vision.yolo.layout import joined, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY, to_tensor
 from av_vision.yolo.rows import Decoded, LayoutError, RowReader
 
@@ -93,11 +93,10 @@ class Model:
         self.near = near if self.dynamic_size and self.longest >= 3 * near else 0
         self.score_threshold = float(self._stated(
             'score_threshold', '0.25', lambda given: isinstance(given, (int, float)) and 0.0 <= given <= 1.0, '0 to 1'))
-        self._output_name = self.session.get_outputs()[0].name
         names = settings.class_names or self._names()
-        grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
+        output, classes = self._look(np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype))
         try:
-            self.layout = recognise(self.run(grey), self.size, len(names))
+            self.layout = recognise(output, self.size, len(names) or classes)
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error
         self.class_names = self._class_names(names, self.layout.classes)
@@ -115,12 +114,17 @@ class Model:
 
     def run(self, tensor: NDArray) -> NDArray[np.float32]:
         """Output (1, a, b) for an image (1, 3, height, width)."""
+        return self._look(tensor)[0]
+
+    def _look(self, tensor: NDArray) -> tuple[NDArray[np.float32], int]:
+        """See `joined`."""
+        given = {self._input.name: tensor}
+        if self._sizes:
+            given[self._sizes] = np.array([tensor.shape[:1:-1]])
         try:
-            output = self.session.run([self._output_name], {self._input.name: tensor})[0]
+            return joined(self.session.run(None, given))
         except Exception as error:  # onnxruntime's exceptions have no common base
             raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {one_line(error)}') from error
-        # Exports with suppression of their own give one table (n, columns) for one image.
-        return np.asarray(output[None] if output.ndim == 2 and output.shape[1] in TABLE_COLUMNS else output, np.float32)
 
     def boxes(self, image: NDArray[np.uint8], shown: tuple[float, float], threshold: float) -> Decoded:
         """Boxes in pixels of the input, and probabilities of the classes. Raises ModelError.
@@ -144,7 +148,9 @@ class Model:
         inputs = self.session.get_inputs()
         if self.metadata.get('task', 'detect') != 'detect':
             raise ModelError(f'{self.path} is a model for the task {self.metadata["task"]!r}, expected detect')
-        if len(inputs) != 1:
+        # RT-DETR and its successors are told to which width and height their boxes shall be scaled: here to the input's.
+        self._sizes = next((one.name for one in inputs[1:] if (one.type, one.shape[1:]) == ('tensor(int64)', [2])), '')
+        if len(inputs) != (2 if self._sizes else 1):
             raise ModelError(f'{self.path} has {len(inputs)} inputs, expected one image, as YOLO detectors have')
         one = inputs[0]
         if one.type not in FLOATS:
