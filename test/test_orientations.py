@@ -16,7 +16,7 @@ from av_common.stamps import to_stamp
 from av_fusion.measurement.converter import pose_of
 from av_interfaces.msg import GimbalState
 from av_pointing.gimbal_stage import GimbalStage
-from av_px4.frames import pose_from_px4
+from av_px4.odometry import pose_from_px4
 from av_sim_bridge.messages import vehicle_state
 from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal, encode_gimbal
 from av_simulator.config_files import find_config

@@ -16,10 +16,10 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, Mode, PointingController
 from av_px4.commands import pitch_yaw
-from av_px4.frames import pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs
 from av_px4.handover import VehicleStatus
+from av_px4.odometry import pose_from_px4
 from av_sim_bridge.vehicle import VehicleState
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
@@ -32,23 +31,6 @@ LEVEL_SIGMA = math.radians(5.0)  # of a stabilized gimbal on a rig of unknown at
 LEAST_PERIOD_S = 0.01  # between two modelled orientations
 
 
-@dataclass(frozen=True)
-class JointNames:
-    """Names of a gimbal's joints in `joint_states`, as its URDF has them; empty where there is none.
-
-    Positions turn left (pan), up (tilt) and right side down (roll); a minus before the name reverses that.
-
-    Parameters:
-        pan, tilt, roll: the joints; roll is the one between the others.
-        sigma (rad): standard deviation of the positions.
-    """
-
-    pan: str = ''
-    tilt: str = ''
-    roll: str = ''
-    sigma: float = math.radians(0.5)
-
-
 class GimbalStage:
     """Makes `gimbal/state` where the gimbal does not, and transforms of all that is used. Times are in s of the node's clock.
 
@@ -60,15 +42,18 @@ class GimbalStage:
 
     Parameters:
         rig: description of a rig with a gimbal.
-        joints: names of its joints.
+        joints: names of its joints of pan, tilt, and roll between them, in `joint_states`; empty where there is none. Positions
+            turn left, up and right side down; a minus before the name reverses that.
+        joint_sigma (rad): standard deviation of the joints' positions.
         use_model: whether there is a model.
     """
 
-    def __init__(self, rig: Rig, joints: JointNames = JointNames(), use_model: bool = True) -> None:
+    def __init__(self, rig: Rig, joints: tuple[str, str, str] = ('', '', ''), joint_sigma: float = 0.0,
+                 use_model: bool = True) -> None:
         if rig.gimbal is None:
             raise ValueError('the rig has no gimbal')
         self.history = GimbalHistory()
-        self._gimbal, self._joints = rig.gimbal, joints
+        self._gimbal, self._joints, self._joint_variance = rig.gimbal, joints, joint_sigma**2
         self._model, self._use_model = GimbalModel(rig.gimbal), use_model
         self._attitude, self._posed = LEVEL, -math.inf  # of the newest odometry, and its stamp
         self._modelled = -math.inf
@@ -97,13 +82,12 @@ class GimbalStage:
             message: positions of joints.
             arrival (s): time of its arrival.
         """
-        if not (self._joints.pan or self._joints.tilt):
+        if not any(self._joints[:2]):
             return None
         if len(message.position) not in (0, len(message.name)):
             raise ValueError(f'{len(message.position)} positions of {len(message.name)} joints')
         positions = dict(zip(message.name, message.position, strict=False))
-        named = [(name.removeprefix('-'), -1.0 if name.startswith('-') else 1.0)
-                 for name in (self._joints.pan, self._joints.tilt, self._joints.roll)]
+        named = [(name.removeprefix('-'), -1.0 if name.startswith('-') else 1.0) for name in self._joints]
         if not all(name in positions for name, _ in named if name):
             return None
         pan, tilt, roll = (sign * positions[name] if name else 0.0 for name, sign in named)
@@ -111,7 +95,7 @@ class GimbalStage:
             raise ValueError(f'positions {pan}, {tilt}, {roll} of the joints, expected finite angles')
         turned = self._gimbal.mount.rotation @ gimbal_to_mount(pan, tilt, roll)
         time = to_seconds(message.header.stamp)
-        return gimbal_message(self._gimbal.frame, time, mat2quat(turned), self._joints.sigma**2, measured=True)
+        return gimbal_message(self._gimbal.frame, time, mat2quat(turned), self._joint_variance, measured=True)
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the gimbal is commanded to. Raises ValueError for an impossible command.

@@ -1,4 +1,4 @@
-"""Settings from the parameters of pointing_node and rig_frames_node, and the rig's gimbal."""
+"""Settings from the parameters of pointing_node, and the rig's gimbal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 from av_common.limited_axis import AxisLimits
 from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_pointing.controller import PointingSettings
-from av_pointing.gimbal_stage import JointNames
 
 GIMBAL_ACCELERATION = math.radians(360.0)  # rad/s^2: 120 deg/s, the usual rate, is reached and left in a third of a second
 
@@ -43,9 +42,3 @@ def with_gimbal(settings: PointingSettings, gimbal: GimbalMount | None) -> Point
     def axis(limits_deg: tuple[float, float]) -> AxisLimits:
         return AxisLimits(math.radians(mount.max_rate_deg), GIMBAL_ACCELERATION, *map(math.radians, limits_deg))
     return replace(settings, pan=axis(mount.pan_limits_deg), tilt=axis(mount.tilt_limits_deg), stabilized=mount.stabilized)
-
-
-def joint_names(parameters: Any) -> JointNames:
-    """The gimbal's joints that the parameters of rig_frames_node describe."""
-    joints = parameters.joints
-    return JointNames(joints.pan, joints.tilt, joints.roll, math.radians(joints.sigma_deg))

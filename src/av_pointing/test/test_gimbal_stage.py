@@ -19,7 +19,7 @@ from av_common.rig import load_rig
 from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
 from av_interfaces.msg import GimbalState, PointingCommand
-from av_pointing.gimbal_stage import GimbalStage, JointNames
+from av_pointing.gimbal_stage import GimbalStage
 
 RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
 TILTED = euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz')
@@ -84,7 +84,7 @@ def test_feedback_goes_before_the_model_and_its_end_is_told():
 
 
 def test_joints_turn_about_the_axes_of_the_body():
-    stage = GimbalStage(RIG, JointNames('yaw', '-pitch'))
+    stage = GimbalStage(RIG, ('yaw', '-pitch', ''))
     state = stage.on_joints(joints(T, yaw=0.5, wheel=7.0, pitch=0.2), T)
     assert state.source == GimbalState.SOURCE_FEEDBACK
     assert np.allclose(sight(state), angles_to_direction(0.5, -0.2))
@@ -95,7 +95,7 @@ def test_joints_turn_about_the_axes_of_the_body():
 @pytest.mark.parametrize('message', [joints(T, yaw=math.nan, pitch=0.0), JointState(name=['yaw', 'pitch'], position=[1.0])])
 def test_impossible_joints_are_refused(message):
     with pytest.raises(ValueError, match='joints'):
-        GimbalStage(RIG, JointNames('yaw', 'pitch')).on_joints(message, T)
+        GimbalStage(RIG, ('yaw', 'pitch', '')).on_joints(message, T)
 
 
 def hostile_states():

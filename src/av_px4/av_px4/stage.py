@@ -22,9 +22,7 @@ from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
-from av_px4.continuity import HeldPosition
 from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Registration
-from av_px4.frames import pose_from_px4
 from av_px4.gimbal import DEFAULT_MOUNT, AfterTakeover, Gimbal, GimbalFeedback, GimbalInputs
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
@@ -37,7 +35,14 @@ from av_px4.guard import (
     Inputs,
 )
 from av_px4.handover import VehicleStatus
-from av_px4.odometry import RADIANS_PER_RPM, OdometryConverter, commanded_speeds, measured_speeds
+from av_px4.odometry import (
+    RADIANS_PER_RPM,
+    HeldPosition,
+    OdometryConverter,
+    commanded_speeds,
+    measured_speeds,
+    pose_from_px4,
+)
 
 STREAMS = ('status', 'odometry', 'position', 'command', 'bearing', 'motors', 'gimbal')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')

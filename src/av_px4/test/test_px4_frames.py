@@ -9,8 +9,7 @@ import pytest
 from transforms3d.euler import euler2quat
 
 from av_px4.commands import pitch_yaw
-from av_px4.continuity import ContinuousPose, HeldPosition
-from av_px4.frames import Pose, pose_from_px4
+from av_px4.odometry import ContinuousPose, HeldPosition, Pose, pose_from_px4
 
 QUADRANTS = [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)]   # pan (left +), tilt (up +) in deg
 

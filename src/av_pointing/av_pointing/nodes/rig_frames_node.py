@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -19,7 +20,6 @@ from av_common.rig_messages import static_transforms
 from av_interfaces.msg import GimbalState, PointingCommand
 from av_pointing.gimbal_stage import GimbalStage
 from av_pointing.nodes.rig_frames_node_parameters import rig_frames_node as parameters
-from av_pointing.settings import joint_names
 
 PERIOD_S = 0.05  # of the model's orientations where no odometry comes
 REPEAT_S = 0.5  # of the fixed frames, which another publisher may have moved
@@ -43,7 +43,9 @@ class RigFramesNode(RigNode):
         self._fixed = self.create_publisher(TFMessage, 'tf_static', LATCHED)
         self._frames = TFMessage(transforms=static_transforms(rig, self.get_clock().now().to_msg()))
         self._fixed.publish(self._frames)
-        self._stage = GimbalStage(rig, joint_names(self.settings), self.settings.model) if rig.gimbal else None
+        joints, model = self.settings.joints, self.settings.model
+        self._stage = GimbalStage(rig, (joints.pan, joints.tilt, joints.roll), math.radians(joints.sigma_deg),
+                                  model) if rig.gimbal else None
         if self._stage:
             self._meter = RateMeter()
             self._moving = self.create_publisher(TFMessage, 'tf', RESULT)
