@@ -101,6 +101,26 @@ def test_lost_datagrams_are_counted_and_never_swap_channels(rng, lost, kind):
     assert abs(blocks[-1].first_sample + len(blocks[-1].samples) - 200 * FRAMES) <= 100
 
 
+@pytest.mark.parametrize('sizes', ['first is long', 'first is short', 'any'])
+def test_a_loss_among_datagrams_of_different_lengths_never_swaps_channels(rng, sizes):
+    """Whole frames each, as all senders have them that cut nothing: what was lost were frames, too."""
+    layout = AudioFormat()
+    lengths = 4 * (rng.integers(200, 5000, 120) if sizes == 'any' else np.full(250, FRAMES))
+    lengths[0] = {'first is long': 64_000, 'first is short': 4}.get(sizes, lengths[0])
+    ends = np.cumsum(lengths)
+    times = 100.0 + ends / (4 * RATE) + 0.002 * rng.random(len(ends))
+    data, decoder, blocks = layout.encode(ramp(ends[-1] // 4)), AudioDecoder(layout), []
+    for number, (end, length, arrival) in enumerate(zip(ends, lengths, times, strict=True)):
+        if number not in (60, 61):
+            blocks += decoder.decode(data[end - length:end], arrival)
+    found = [np.rint(layout.to_float(block.samples) * 32768).astype(int) for block in blocks]
+    assert sum(map(len, found)) == (ends[-1] - lengths[60] - lengths[61]) // 4
+    assert all((samples[:, 0] % 2 == 0).all() and (samples[:, 1] == samples[:, 0] + 1).all() for samples in found)
+    begins = np.array([(samples[0, 0] // 2, block.first_sample) for samples, block in zip(found, blocks, strict=True)])
+    errors = (begins[:, 0] - begins[:, 1] + 7500) % 15_000 - 7500
+    assert not errors[:50].any() and np.abs(errors[-20:]).max() <= 0.002 * RATE
+
+
 @pytest.mark.parametrize('cut', [0, 2])
 def test_a_sender_that_catches_up_after_a_long_delay_takes_the_loss_back(rng, cut):
     """Numbers and channels are as before, also of datagrams that end within a frame."""

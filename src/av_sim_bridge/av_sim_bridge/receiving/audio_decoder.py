@@ -6,6 +6,7 @@ from arrival times. A datagram can be late but never early; after a loss, every 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -141,9 +142,11 @@ class _BareStream:
     """A stream without headers, split into datagrams at any byte. Positions are counted in bytes to keep the alignment.
 
     Bytes count as lost if every datagram of the last `WINDOW` seconds lags by about the same time. This lag must exceed
-    half a datagram, since a datagram that is only delayed catches up. In the meantime datagrams of whole frames are passed
-    on, because only their numbers can be too low. Others are held back, because they could swap the channels. A datagram
-    that arrives early is refused as foreign, unless an earlier loss was assumed by mistake: then the position returns.
+    half a datagram, since a datagram that is only delayed catches up. It tells how many bytes are lost to within the jitter of
+    arrivals; exact is that they are a multiple of what all lengths are multiples of: a datagram, or a frame at least. In the
+    meantime datagrams of whole frames are passed on, because only their numbers can be too low. Others are held back, because
+    they could swap the channels. A datagram that arrives early is refused as foreign, unless an earlier loss was assumed by
+    mistake: then the position returns.
     """
 
     WINDOW = 1.0       # s
@@ -163,6 +166,7 @@ class _BareStream:
         self._offset: float | None = None                      # smallest arrival - position / rate
         self._updated = 0.0
         self._length = 0.0                                     # mean length of a datagram, bytes
+        self._unit = 0                                         # greatest common divisor of all lengths, bytes
         self._taken = self._early = 0
         self._doubtful = self._skipped = 0                     # datagrams, and bytes, assumed lost
         self._shifted = False                                  # whether the next byte may be within a frame that is not kept
@@ -173,6 +177,7 @@ class _BareStream:
 
     def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
         self._length += (len(datagram) - self._length) / min(self._taken + 1, 32)
+        self._unit = math.gcd(self._unit, len(datagram))
         half = self._length / self._rate / 2
         lag = self._lag(datagram, arrival, half)
         self._held.append((datagram, arrival))
@@ -207,7 +212,7 @@ class _BareStream:
         Raises WireError otherwise, and returns 0 once the clock seems to have jumped.
         """
         if datagrams <= self._doubtful:
-            back = self._skipped if datagrams == self._doubtful else min(round(datagrams * self._length), self._skipped)
+            back = self._skipped if datagrams == self._doubtful else min(self._whole(datagrams * self._length), self._skipped)
             self._shift(-datagrams, -back)
             return back / self._rate
         self._early += 1
@@ -216,6 +221,10 @@ class _BareStream:
         self.counts.restarts += 1
         self._taken = 0
         return 0.0
+
+    def _whole(self, count: float) -> int:
+        """The number of bytes nearest to `count` that datagrams can have."""
+        return self._unit * round(count / self._unit)
 
     def _missing(self, half: float) -> float:
         """Lag (s) common to all datagrams of the window, 0 if there is none or it still changes."""
@@ -228,18 +237,18 @@ class _BareStream:
 
     def _release(self, missing: float) -> list[AudioBlock]:
         held, self._held = self._held, []
-        lost = np.zeros(len(held), int)
+        lost, late, begin = np.zeros(len(held), int), np.zeros(len(held)), self._skipped
         if missing:
-            # The loss is the smallest lag of all following datagrams, rounded to multiples of a datagram.
+            # The loss is the smallest lag of all following datagrams, rounded to datagrams to find where it is.
             ends = self._position + np.cumsum([len(datagram) for datagram, _ in held])
             lags = np.array([arrival for _, arrival in held]) - ends / self._rate - (self._offset or 0.0)
-            settled = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing)
-            lost = np.rint(settled * self._rate / self._length).astype(int)
+            late = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing) * self._rate
+            lost = np.rint(late / self._length).astype(int)
             self._recent.clear()
         blocks, refused = [], None
-        for (datagram, arrival), new in zip(held, np.diff(lost, prepend=0), strict=True):
+        for (datagram, arrival), new, missed in zip(held, np.diff(lost, prepend=0), late, strict=True):
             if new > 0:
-                self._shift(int(new), round(new * self._length))
+                self._shift(int(new), self._whole(missed) - (self._skipped - begin))
             if self._shifted:
                 datagram = self._from_next_frame(datagram)
             data = self._partial + datagram
