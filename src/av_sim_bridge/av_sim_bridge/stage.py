@@ -35,6 +35,7 @@ from av_sim_bridge.wire.truth import check_truth, decode_truth, encode_truth
 from av_vision.image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
+LARGEST_RATE_ERROR = 0.05    # of the sample rate; the nearest other one in use, 44,100 Hz, is 8 % off
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 Output = tuple[str, Any]    # topic and message
 
@@ -179,6 +180,15 @@ class BridgeStage:
             self._unusable_odometry += 1
             return None
         return encode_truth(truth)
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the sound that comes; empty where nothing is known to be."""
+        rate, expected = self._audio.sample_rate, self._layout.sample_rate
+        if not abs(rate - expected) > LARGEST_RATE_ERROR * expected:
+            return ''
+        return (f'{rate:.0f} samples a second come from the simulator instead of {expected}: it is slower than time, or sends '
+                'sound of another rate, whose bearings are wrong')
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""

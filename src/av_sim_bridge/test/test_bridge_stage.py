@@ -95,6 +95,23 @@ def test_sound_without_header_goes_on_when_a_long_delay_ends(rng):
     assert [first for _, first in published[180:]] == [number * BLOCK for number in range(180, 300)]
 
 
+@pytest.mark.parametrize('header', [False, True])
+@pytest.mark.parametrize('rate', [16_000, 44_100, 47_500, 48_000, 96_000])
+def test_sound_of_another_rate_is_told(rng, rate, header):
+    """By how many samples come: with delays, some lost, and after a pause in which none come."""
+    stage, frames = make_stage(), 1470
+    for number in range(26 * rate // frames):
+        time = number * frames / rate + 30.0 * (number > 5)
+        datagram = encode_audio(AudioFormat(), np.zeros((frames, 2)), AudioHeader(number, frames, time) if header else None)
+        if number % 100:
+            with contextlib.suppress(WireError):
+                stage.on_audio(datagram, EPOCH + time + frames / rate + 0.01 * rng.random(), SENDER)
+    if abs(rate - RATE) <= 500:
+        assert not stage.problem
+    else:
+        assert int(stage.problem.split()[0]) == pytest.approx(rate, rel=0.02)
+
+
 def test_boxes_that_come_twice_or_without_their_image_are_left_out():
     """Else they would be those of the image before."""
     stage, reported = make_stage(oracle_detections=True), []

@@ -134,6 +134,8 @@ class BridgeNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'no data from the simulator (UDP {ports})')
         elif silent:
             status.mergeSummary(DiagnosticStatus.WARN, f'no data: {", ".join(silent)}')
+        if self._stage.problem:
+            status.mergeSummary(DiagnosticStatus.WARN, self._stage.problem)
         for name, receiver in self._receivers.items():
             status.add(f'{name} rate (Hz)', f'{receiver.meter.rate:.1f}')
             status.add(f'{name} age (s)', f'{receiver.meter.age:.2f}')

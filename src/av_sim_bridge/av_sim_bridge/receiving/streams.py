@@ -18,12 +18,15 @@ from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
 
+MEASURED_S, BREAK_S = 10.0, 1.0    # of sound, from which its rate follows; without any, after which that begins anew
+
 
 class AudioStream:
     """Dates the samples of audio datagrams, which are numbered from the start of the stream.
 
     Attributes:
         decoder: of the datagrams.
+        sample_rate (Hz): at which samples came over the last MEASURED_S, NaN before.
         undated: number of blocks that could not be dated.
 
     Parameters:
@@ -33,7 +36,8 @@ class AudioStream:
 
     def __init__(self, layout: AudioFormat, clock: CommonClock) -> None:
         self.decoder = AudioDecoder(layout)
-        self.undated = 0
+        self.undated, self.sample_rate = 0, math.nan
+        self._began, self._newest, self._bytes = -math.inf, -math.inf, 0    # arrivals (s) and bytes from which it follows
         self._layout, self._clock = layout, clock
         self._sample_clock = SenderClock()    # clock of samples without stamps
         self._sender = OneSender('audio')
@@ -43,6 +47,7 @@ class AudioStream:
         """The blocks that are complete after one datagram, and the capture time (s, ROS time) of each one's first sample."""
         if self._sender.check(sender, arrival):
             self.decoder.restart()
+        self._measure(len(datagram), arrival)
         blocks = self.decoder.decode(datagram, arrival, self._stamp_of(datagram, arrival, sender))
         self._sender.note(sender, arrival)
         if self.decoder.counts.restarts != self._restarts:
@@ -51,6 +56,14 @@ class AudioStream:
         dated = [(block, self._time_of(block)) for block in blocks]
         self.undated += sum(time is None for _, time in dated)
         return [(block, time) for block, time in dated if time is not None]
+
+    def _measure(self, size: int, arrival: float) -> None:
+        if not 0.0 <= arrival - self._newest < BREAK_S:
+            self._began, self._bytes = arrival, -size    # those of the first datagram came before
+        self._newest, self._bytes = arrival, self._bytes + size
+        if (elapsed := arrival - self._began) >= MEASURED_S:
+            self.sample_rate = self._bytes / self._layout.frame_bytes / elapsed
+            self._began, self._bytes = arrival, 0
 
     def _stamp_of(self, datagram: bytes, arrival: float, sender: Sender) -> float | None:
         """ROS time (s) of a datagram's first sample, None without a header. Raises UndatedError if it cannot be dated."""
