@@ -125,6 +125,22 @@ def test_boxes_that_come_twice_or_without_their_image_are_left_out():
     assert reported == pytest.approx([number / 15 for number in range(30) if number % 7], abs=1e-3)
 
 
+@pytest.mark.parametrize('late', [0, 1, 2])
+def test_a_fragment_that_comes_after_the_next_image_has_begun_is_of_its_image(rng, late):
+    """By 80 ms, 15 images a second: none is lost, and boxes are those of the image that began last."""
+    stage, events = make_stage(oracle_detections=True), []
+    data = cv2.imencode('.png', rng.integers(0, 255, (240, 320, 3), np.uint8))[1].tobytes()
+    for number in range(40):
+        time = number / 15
+        for part, datagram in enumerate(encode_image(EncodedImage(time, data))):
+            events.append((time + 0.001 * part + 0.08 * (part == late), datagram))
+        events.append((time + 0.01, encode_oracle([])))
+    outputs = [output for arrival, datagram in sorted(events) for output in stage.on_image(datagram, EPOCH + arrival, SENDER)]
+    for topic in ('camera/image_raw', 'detections'):
+        stamps = [to_seconds(message.header.stamp) - EPOCH for name, message in outputs if name == topic]
+        assert stamps == pytest.approx([number / 15 for number in range(40)], abs=0.01)
+
+
 @pytest.mark.parametrize('port', [SENDER[1], 50_001])
 def test_boxes_of_a_restarted_simulator_wait_for_its_first_dated_image(port):
     """They are neither of the last image before the restart, nor of a foreign sender, from whatever port they come."""

@@ -8,14 +8,15 @@ for one of another sender. Its parameters are the content of the datagram, `arri
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 
-from av_common.clock import SenderClock
+from av_common.clock import LATEST_S, SenderClock
 from av_sim_bridge.receiving.allowed_senders import Sender
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.receiving.common_clock import CommonClock, OneSender
 from av_sim_bridge.wire import UndatedError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
-from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
+from av_sim_bridge.wire.image import MOST_PARTIAL, EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
 
 MEASURED_S, BREAK_S = 10.0, 1.0    # of sound, from which its rate follows; without any, after which that begins anew
@@ -82,7 +83,9 @@ class AudioStream:
 
 
 class ImageStream:
-    """Assembles images from fragments. The oracle's first report after a fragment is that of the fragment's image.
+    """Assembles images from fragments, in whatever order they come: the first of an image dates it.
+
+    The oracle's first report after the beginning of an image is that image's.
 
     Parameters:
         clock: the clock that all streams of one simulator share.
@@ -93,7 +96,8 @@ class ImageStream:
     def __init__(self, clock: CommonClock, name: str = 'image', most_bytes: int = 4_000_000) -> None:
         self.assembler = ImageAssembler(most_bytes=most_bytes)
         self._clock, self._name = clock, name
-        self._newest: tuple[Sender, float, float] | None = None    # sender, time and stamp of the newest fragment
+        self._newest: tuple[Sender, float, float] | None = None    # sender, time and stamp of the image that began last
+        self._begun: OrderedDict[float, tuple[Sender, float]] = OrderedDict()    # senders and stamps of images, by their times
         self._reported = math.nan    # time of the image with the newest report, on the sender's clock
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[EncodedImage | list[OracleBox], float] | None:
@@ -101,14 +105,24 @@ class ImageStream:
         if is_oracle(datagram):
             return self._report(decode_oracle(datagram), arrival, sender)
         fragment = decode_fragment(datagram)
+        stamp = self._stamp_of(fragment.time, arrival, sender)
+        image = self.assembler.add(fragment)
+        return None if image is None else (image, stamp)
+
+    def _stamp_of(self, time: float, arrival: float, sender: Sender) -> float:
+        begun, stamp = self._begun.get(time, ((), math.nan))
+        if begun == sender and arrival - stamp <= LATEST_S:    # a further fragment, though it is older than others that came
+            self._clock.refuse_others(self._name, sender, arrival)
+            return stamp
         try:
-            stamp = self._clock.date_capture(self._name, sender, fragment.time, arrival)
+            stamp = self._clock.date_capture(self._name, sender, time, arrival)
         except UndatedError:
             self._newest = None    # nor can its boxes be dated
             raise
-        self._newest = sender, fragment.time, stamp
-        image = self.assembler.add(fragment)
-        return None if image is None else (image, stamp)
+        self._newest, self._begun[time] = (sender, time, stamp), (sender, stamp)
+        if len(self._begun) > MOST_PARTIAL:
+            self._begun.popitem(last=False)
+        return stamp
 
     def _report(self, boxes: list[OracleBox], arrival: float, sender: Sender) -> tuple[list[OracleBox], float] | None:
         if self._newest is None or self._newest[0] != sender:
