@@ -16,6 +16,7 @@ from av_common.files import MEGABYTE
 
 MOST_BYTES = 500 * MEGABYTE    # of a chunk or a message; that of a camera has a few
 MOST_EXPANSION = 100           # of a compressed file, for its size
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'    # RFC 8878; CDR begins with a zero
 SCHEMAS = ('ros2msg', 'ros2idl', 'omgidl')    # encodings that rosbags knows
 _zstd = storage_mcap.zstd      # of the standard library, or its backport
 

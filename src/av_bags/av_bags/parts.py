@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -14,6 +17,7 @@ from av_common.yaml_reader import load_yaml
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 COMPRESSED = '.zstd'
+LOGS = ('-wal', '-journal')    # of sqlite3, beside a database whose writer did not close it
 
 
 class Parts:
@@ -21,10 +25,10 @@ class Parts:
 
     Parameters:
         path: an mcap or sqlite3 file, or a folder of rosbag2.
-        folder: makes a new folder for the copy of a file that is compressed.
+        folder: makes a new folder for the copy of a file that is compressed, or was not closed.
 
     Attributes:
-        files: those that can be read, in the order of recording where metadata tell; of compressed ones the copies.
+        files: those that can be read, in the order of recording where metadata tell; of those in `folder` the copies.
         described: whether metadata tell which files belong to the bag.
         by_message: whether each message is compressed.
         lost: what is missing.
@@ -55,7 +59,7 @@ class Parts:
         check_file(file)
         if file.suffix != COMPRESSED:
             _check_kind(file, file)
-            return file
+            return _closed(file, folder)
         copy = folder() / file.stem
         problem = expand(file, copy)
         _check_kind(copy, file)
@@ -98,6 +102,19 @@ class Parts:
             self.by_message = False
             self.notes.append(f'metadata.yaml cannot be read ({one_line(error)}): all files of the folder are read')
             return None
+
+
+def _closed(file: Path, folder: Callable[[], Path]) -> Path:
+    """A copy of a database with what is in its log only, which rosbags does not read; any other file as it is."""
+    logs = [log for log in (file.with_name(f'{file.name}{ending}') for ending in LOGS) if log.is_file() and log.stat().st_size]
+    if file.suffix.lower() != '.db3' or not logs:
+        return file
+    copy = folder() / file.name
+    for each in (file, *logs):
+        shutil.copy(each, copy.with_name(each.name))
+    with suppress(sqlite3.Error), closing(sqlite3.connect(copy)) as database:    # of a damaged one what the file itself holds
+        database.execute('PRAGMA journal_mode = DELETE')
+    return copy
 
 
 def _check_kind(path: Path, named: Path) -> None:

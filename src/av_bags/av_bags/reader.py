@@ -22,7 +22,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from av_bags.decompression import limit_rosbags, message
+from av_bags.decompression import ZSTD_MAGIC, limit_rosbags, message
 from av_bags.definitions import AUDIO_PACKAGE, BagError, UnknownTypeError, completed, installed_types, parse
 from av_bags.parts import Parts
 from av_bags.salvage import copy_in_order, records_of_database, records_of_file
@@ -331,7 +331,7 @@ class Bag(AbstractContextManager['Bag']):
                 try:
                     if not isinstance(data, bytes):    # a database may hold any type
                         raise ValueError(f'{type(data).__name__} instead of bytes')
-                    content = message(data) if self._parts.by_message else data
+                    content = message(data) if self._parts.by_message or data.startswith(ZSTD_MAGIC) else data
                 except ValueError as error:
                     self._problems[f'{connection.topic}: messages are left out: {error}'] = None
                     continue

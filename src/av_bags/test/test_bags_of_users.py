@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 from pathlib import Path
 
 import bag_messages as make
@@ -11,7 +12,7 @@ import pytest
 import yaml
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
 from av_bags.definitions import SEPARATOR, definition
@@ -141,6 +142,50 @@ def test_one_bad_compressed_file_costs_only_its_own_messages(tmp_path, content, 
     with Bag(path) as bag:
         assert list(bag.messages()) == keys(parts[1 - bad])
         assert [problem for problem in bag.problems if f'bag_{bad}.mcap.zstd' in problem]
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_compressed_messages_of_a_killed_recorder_are_read(tmp_path, storage):
+    """Metadata, which would tell, are written last."""
+    rows = recorded(2.0)
+    writer, topics = Writer(tmp_path / 'bag', version=9, storage_plugin=storage), {}
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        for topic, time_ns, message in rows:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=make.TYPES)
+            writer.write(topics[topic], time_ns, make.cdr(message))
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    with Bag(tmp_path / 'bag') as bag:
+        assert list(bag.messages()) == keys(rows) and not bag.problems
+
+
+def test_a_database_of_a_killed_recorder_is_read_with_its_log(tmp_path):
+    """As the preset `resilient` of rosbag2 leaves it; also where the file is in a folder that cannot be written."""
+    rows, killed = recorded(), tmp_path / 'killed'
+    file = write(tmp_path / 'bag', rows, StoragePlugin.SQLITE3)
+    database = sqlite3.connect(file)
+    kept = database.execute('SELECT * FROM messages ORDER BY id').fetchall()
+    places = ','.join('?' * len(kept[0]))
+    database.execute('DELETE FROM messages WHERE id > 100')
+    database.commit()
+    database.execute('PRAGMA journal_mode = WAL')
+    database.execute('PRAGMA wal_autocheckpoint = 0')
+    database.executemany(f'INSERT INTO messages VALUES ({places})', [row for row in kept if row[0] > 100])
+    database.commit()
+    killed.mkdir()
+    for each in file.parent.glob('*.db3*'):
+        shutil.copy(each, killed / each.name)
+    database.close()
+    before = {each.name: each.read_bytes() for each in killed.iterdir()}
+    killed.chmod(0o500)
+    with Bag(killed) as bag:
+        assert list(bag.messages()) == keys(rows) and not bag.problems
+    killed.chmod(0o700)
+    assert {each.name: each.read_bytes() for each in killed.iterdir()} == before, 'what somebody may still write stays'
+    (killed / f'{file.name}-wal').write_bytes(b'no log')
+    with Bag(killed) as bag:
+        assert list(bag.messages()) == keys(rows)[:100]
 
 
 def test_a_topic_of_two_types_has_that_of_most_messages(tmp_path):
