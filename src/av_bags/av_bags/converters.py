@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_msgs.msg import Header
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesis, ObjectHypothesisWithPose
 
 from av_bags import topics as names
 from av_bags.definitions import BagError
@@ -23,11 +24,12 @@ from av_common.quaternions import Quaternion as Orientation
 from av_common.quaternions import inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
-from av_vision.messages import image_from_message, image_message
+from av_vision.messages import header_of, image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
 # A stamp that is later than the samples before it by more than this marks a gap in the audio.
 GAP_S = 0.05
+DETECTIONS = names.OF_CAMERA[names.DETECTIONS][0]
 # Frame of audio whose messages name none.
 ARRAY_FRAME = 'microphones'
 # Of audio_common_msgs: numpy's type and full scale.
@@ -71,6 +73,8 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
     Raises BagError when the layout of audio bytes is unknown.
     """
     kind = bag.topics[topic].kind
+    if kind == DETECTIONS and bag.different_fields(topic):
+        return detections_of_another_version
     if kind == names.KINDS[name][0]:
         return None
     if name == names.AUDIO:
@@ -155,6 +159,22 @@ class Poses:
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
     """Convert a CompressedImage to an Image. Raises ValueError when it cannot be decoded."""
     return [image_message(message.header, image_from_message(message))]
+
+
+def detections_of_another_version(message: Any, _: int) -> Iterable[Detection2DArray]:
+    """Convert detections of vision_msgs before 4.0 (Humble), where results had no `hypothesis`, or centres no `position`."""
+    converted = Detection2DArray(header=header_of(message))
+    for one in message.detections:
+        made = Detection2D(header=header_of(one), id=str(getattr(one, 'id', '')))
+        for result in one.results:
+            stated = getattr(result, 'hypothesis', result)
+            name = stated.class_id if hasattr(stated, 'class_id') else stated.id
+            made.results.append(ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=str(name), score=stated.score)))
+        centre = getattr(one.bbox.center, 'position', one.bbox.center)
+        made.bbox.center.position.x, made.bbox.center.position.y = centre.x, centre.y
+        made.bbox.size_x, made.bbox.size_y = one.bbox.size_x, one.bbox.size_y
+        converted.detections.append(made)
+    return [converted]
 
 
 def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:

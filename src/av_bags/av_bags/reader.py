@@ -195,7 +195,7 @@ class Bag(AbstractContextManager['Bag']):
         Raises BagError when a type of av_interfaces had other fields at the time of recording.
         """
         kind = self.topics[topic].kind
-        different = self._different_fields(topic)
+        different = self.different_fields(topic)
         if different and kind.startswith('av_interfaces/'):
             raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
                            f'one, which differs in {", ".join(different)}; use the release that recorded it')
@@ -206,7 +206,7 @@ class Bag(AbstractContextManager['Bag']):
         installed_class = get_message(kind)
         return lambda data: deserialize_message(data, installed_class)
 
-    def _different_fields(self, topic: str) -> list[str]:
+    def different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""
         kind = self.topics[topic].kind
         if not self.definition(topic) or kind.startswith(AUDIO_PACKAGE):
