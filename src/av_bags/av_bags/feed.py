@@ -13,10 +13,11 @@ from av_bags.converters import AudioLayout, converter
 from av_bags.definitions import BagError
 from av_bags.reader import Bag, Row
 from av_bags.timeline import GAP_NS
+from av_common.freshness import FUTURE_S
 from av_common.rig import CAMERAS, camera_topics
 
 SECOND = 10**9  # ns
-# Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
+# Stamps that are this long before the time of recording, or FUTURE_S after it, belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
 SHORTEST = 4  # bytes of a message, those of its encapsulation: the middleware reads beyond the end of shorter ones
 MOST_WAITING = 100    # messages behind a stamp that may be wrong
@@ -49,7 +50,7 @@ class Feed:
     """Yields the records of a bag's topics in order of time, in segments between which the clock was set or nothing recorded.
 
     The arrival of a record is its time of recording. When all stamps of a bag are of another clock, such as that of a
-    simulation, it is the newest stamp. Arrivals rise within a segment.
+    simulation, or of a rig that is ahead of its recorder, it is the newest stamp. Arrivals rise within a segment.
 
     Parameters:
         bag: the bag to read.
@@ -162,14 +163,14 @@ class Feed:
         yield from ((segment, now, other) for other in waiting)
 
     def _is_of_another_clock(self) -> bool:
-        """Whether all stamps are of another clock than the times of recording."""
+        """Whether all stamps are of another clock than the times of recording: nothing is recorded before it was stamped."""
         offsets = []
         for name, topic in self._topics.items():
             if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
                 _, time_ns, data = next(self._bag.messages([topic]), (None, 0, b''))
                 if data:
-                    offsets.append(abs(stamp_of(data) - time_ns / SECOND))
-        return bool(offsets) and min(offsets) > CLOCK_TOLERANCE_S
+                    offsets.append(stamp_of(data) - time_ns / SECOND)
+        return bool(offsets) and not any(-CLOCK_TOLERANCE_S <= offset <= FUTURE_S for offset in offsets)
 
 
 def _jumps(now: float, time: float) -> bool:

@@ -160,3 +160,15 @@ def test_the_clock_of_the_field(tmp_path, capsys):
     assert main([str(path), '--from', 'doa', '--quiet', '--out', str(tmp_path / 'out.mcap')]) == 0
     assert 'the clock goes on 20717.6 days later' in capsys.readouterr().err
     assert (tmp_path / 'out.mcap').stat().st_size < 100_000
+
+
+@pytest.mark.parametrize('ahead', [0.4, 1.5])
+def test_a_recorder_whose_clock_is_behind_loses_nothing(tmp_path, ahead):
+    """On another computer than the rig: nothing is recorded before it was stamped."""
+    logs = {}
+    for offset in (0.0, ahead):
+        with Bag(make.flight(tmp_path / f'{offset}', duration=4.0, offset=offset)) as bag:
+            replay = Replay(bag)
+            logs[offset] = replay.run()
+            assert not replay.lost and not replay.notes
+    assert len(logs[ahead].fused['azimuth']) == pytest.approx(len(logs[0.0].fused['azimuth']), abs=5) != 0
