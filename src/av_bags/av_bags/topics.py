@@ -80,6 +80,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
                 namespace: str = '') -> Found:
     """Find topics of the rig in a bag: by remapping, by the same name in the namespace, or by a unique ending.
 
+    What is known of a camera whose images are remapped is beside these, as `image_transport` has it.
     Where the rig's namespace is stated, topics outside of it are taken by their own name only, as the frames of a robot on
     /tf_static: another rig's are not.
 
@@ -95,6 +96,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
     unknown = set(remappings) - set(KINDS)
     if unknown:
         raise BagError(f'{", ".join(sorted(unknown))} cannot be remapped, only {", ".join(KINDS)}')
+    remappings = _beside_images(bag, remappings) | remappings
     found = Found()
     for name in names:
         if name in remappings:
@@ -133,6 +135,14 @@ def absolute(name: str, namespace: str = '') -> str:
 def of_camera(name: str) -> tuple[str, str]:
     """The camera of a topic, and what the topic is called for the first one; no camera ('') and the same name for others."""
     return _BY_CAMERA.get(name, ('', name))
+
+
+def _beside_images(bag: Bag, remappings: Mapping[str, str]) -> dict[str, str]:
+    """The camera_info beside images that are remapped, by the rig's names."""
+    infos = {camera_topic(camera, CAMERA): remappings.get(camera_topic(camera, IMAGE), '').removesuffix(COMPRESSED)
+             for camera in CAMERAS}
+    beside = {name: f'{image.rpartition("/")[0]}/camera_info' for name, image in infos.items()}
+    return {name: topic for name, topic in beside.items() if topic in bag.topics and infos[name]}
 
 
 def _remapped(bag: Bag, name: str, topic: str) -> str:

@@ -37,6 +37,20 @@ def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):
         assert find_topics(bag, ('doa',), {'doa': '/a/doa'}).topics == {'doa': '/a/doa'}
 
 
+@pytest.mark.parametrize('ending', ['', '/compressed'])
+def test_what_is_known_of_a_camera_is_beside_its_images(tmp_path, ending):
+    """As image_transport has it: another camera's intrinsics are wrong, whatever its name."""
+    with make.bag(tmp_path / 'bag') as write:
+        write(f'/zed/left/image_raw{ending}', 0.0, make.image('jpeg' if ending else 'bgr8'))
+        for camera in ('camera', 'zed/left'):
+            write(f'/{camera}/camera_info', 0.0, make.camera_info(0.0))
+    names, images = ('camera/image_raw', 'camera/camera_info'), {'camera/image_raw': f'/zed/left/image_raw{ending}'}
+    with Bag(tmp_path / 'bag') as bag:
+        assert find_topics(bag, names, images).topics['camera/camera_info'] == '/zed/left/camera_info'
+        told = images | {'camera/camera_info': '/camera/camera_info'}
+        assert find_topics(bag, names, told).topics['camera/camera_info'] == '/camera/camera_info'
+
+
 @pytest.fixture
 def mixed(tmp_path):
     """A bag of directions as the rig has them, and of images and poses that are to be converted."""
