@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 LIKELY = 0.5  # from this probability on something is what it may be
 LOST_S = 2.0  # since its newest measurement, after which a target is not reported: as long as a gimbal follows a prediction
@@ -81,6 +81,15 @@ class PositionTrack(NamedTuple):
         """Standard deviations (m) to the east, north and up."""
         east, north, up = (math.sqrt(max(self.covariance[axis][axis], 0.0)) for axis in range(3))
         return east, north, up
+
+
+Contact = TypeVar('Contact', BearingTrack, PositionTrack)
+
+
+def later(track: Contact, seconds: float) -> Contact:
+    """A target as it is by a clock that is ahead by some time (s); one that was never measured stays so."""
+    measured = track.measured + seconds if track.measured else 0.0
+    return track._replace(time=track.time + seconds, measured=measured)
 
 
 class Place(NamedTuple):

@@ -18,7 +18,7 @@ LARGEST = 1e12  # m, m^2, m/s: larger ones say nothing, and make events of Curso
 LONGEST_NAME = 64  # characters of a class
 
 
-def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_utc: float = 0.0) -> Iterator[BearingTrack]:
+def bearing_tracks(message: TrackArray, heading: float | None, north: bool) -> Iterator[BearingTrack]:
     """The targets of a single rig whose direction is known.
 
     Parameters:
@@ -26,7 +26,6 @@ def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_u
         heading (rad): true heading of the rig's forward direction, clockwise from north, where its attitude is not known;
             None where the directions in the world are those of its attitude.
         north: count from true north; otherwise from the rig's forward direction.
-        to_utc (s): what is to be added to ROS time for UTC.
 
     Raises ValueError for stamps that cannot be used.
     """
@@ -40,8 +39,8 @@ def bearing_tracks(message: TrackArray, heading: float | None, north: bool, to_u
         known = abs(elevation) <= math.pi / 2 + 1e-3 and 0.0 <= elevation_variance < math.inf
         steepness = max(math.cos(elevation), STEEPEST) if known else 1.0
         yield BearingTrack(
-            id=track.id, time=time + to_utc, measured=measured + to_utc if measured else 0.0,
-            existence=min(max(track.existence, 0.0), 1.0), azimuth=azimuth % math.tau,
+            id=track.id, time=time, measured=measured, existence=min(max(track.existence, 0.0), 1.0),
+            azimuth=azimuth % math.tau,
             azimuth_sigma=min(math.sqrt(variance) / steepness, math.pi), elevation=elevation if known else math.nan,
             elevation_sigma=math.sqrt(elevation_variance) if known else math.nan, north=north,
             front_back=_probability(track.hemisphere_probability, 0.5), resolved=track.resolved,
@@ -55,12 +54,11 @@ def _azimuth(track: Track, heading: float | None, north: bool) -> float:
     return math.pi / 2 - float(track.azimuth_world) if heading is None else heading - float(track.azimuth)
 
 
-def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[PositionTrack]:
+def position_tracks(message: WorldTrackArray) -> Iterator[PositionTrack]:
     """The targets of a network of rigs whose position is known; what is meaningless is left out.
 
     Parameters:
         message: of the topic `tracks`.
-        to_utc (s): what is to be added to ROS time for UTC.
 
     Raises ValueError for stamps that cannot be used, and where the frame's origin has no place on the earth.
     """
@@ -72,7 +70,7 @@ def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[P
         numbers = _numbers(track)
         usable = (np.abs(numbers[:15]) < LARGEST).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
         if track.positioned and usable:
-            yield _position_track(track, numbers, origin, (time + to_utc, to_seconds(track.measured) + to_utc))
+            yield _position_track(track, numbers, origin, time)
 
 
 def place_of_fix(message: NavSatFix) -> Place:
@@ -107,15 +105,15 @@ def _is_covariance(values: np.ndarray) -> bool:
     return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] >= -1e-6 * np.trace(matrix))
 
 
-def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float, float, float], times: tuple[float, float]
-                    ) -> PositionTrack:
+def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float, float, float], time: float) -> PositionTrack:
     """A track in the axes of its own place, which differ from those of the origin where that is far away."""
     latitude, longitude, altitude = enu_to_geodetic(numbers[:3], origin)
     turn = enu_axes(latitude, longitude) @ enu_axes(*origin[:2]).T
     covariance = turn @ numbers[3:12].reshape(3, 3) @ turn.T
     east, north, up = turn @ numbers[12:15]
     return PositionTrack(
-        id=track.id, time=times[0], measured=times[1], existence=min(max(track.existence, 0.0), 1.0), latitude=latitude,
-        longitude=longitude, altitude=altitude, covariance=tuple(map(tuple, covariance.tolist())), velocity=(east, north, up),
+        id=track.id, time=time, measured=to_seconds(track.measured), existence=min(max(track.existence, 0.0), 1.0),
+        latitude=latitude, longitude=longitude, altitude=altitude,
+        covariance=tuple(map(tuple, covariance.tolist())), velocity=(east, north, up),
         velocity_sigma=tuple(np.sqrt(np.where(numbers[15:] >= 0.0, numbers[15:], math.inf)).tolist()),
         drone_probability=_probability(track.drone_probability), class_id=track.class_id[:LONGEST_NAME])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from sensor_msgs.msg import NavSatFix
 
 from av_common.freshness import Instant
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
-from av_reports.contacts import BearingTrack, Place, PositionTrack, is_reported
+from av_reports.contacts import BearingTrack, Place, PositionTrack, is_reported, later
 from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 
 MOST_TRACKS = 100  # those that are most likely there
@@ -29,6 +30,7 @@ class Situation(NamedTuple):
         problems: what is wrong, in words.
         silent: whether the tracker says nothing at all.
         now (s): UTC since 1970.
+        to_utc (s): what was added to the stamps of the targets for UTC.
     """
 
     tracks: tuple[BearingTrack | PositionTrack, ...]
@@ -36,6 +38,7 @@ class Situation(NamedTuple):
     problems: tuple[str, ...]
     silent: bool
     now: float
+    to_utc: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class ReportStage:
         self._missing: tuple[str, ...] = ()
         self._fix: Place | None = None
         self._fix_arrived = self._tracks_arrived = -math.inf
+        self._to_utc = 0.0
 
     def on_bearing(self, message: Bearing) -> None:
         """Note whether the rig's attitude is known."""
@@ -105,8 +109,7 @@ class ReportStage:
         """
         if not self.settings.positions:
             heading = None if self._attitude_known else self.settings.heading
-            self._tracks = () if self._is_lost else tuple(bearing_tracks(message, heading, self.settings.north, to_utc))
-            self._tracks_arrived = now.steady
+            self._take(() if self._is_lost else bearing_tracks(message, heading, self.settings.north), now, to_utc)
 
     def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
         """Note the targets of a network. Raises ValueError for stamps and frames that cannot be used.
@@ -117,7 +120,11 @@ class ReportStage:
             to_utc (s): what is to be added to ROS time for UTC.
         """
         if self.settings.positions:
-            self._tracks, self._tracks_arrived = tuple(position_tracks(message, to_utc)), now.steady
+            self._take(position_tracks(message), now, to_utc)
+
+    def _take(self, tracks: Iterable[BearingTrack | PositionTrack], now: Instant, to_utc: float) -> None:
+        self._tracks = tuple(later(track, to_utc) for track in tracks)
+        self._tracks_arrived, self._to_utc = now.steady, to_utc
 
     def situation(self, now: Instant, to_utc: float) -> Situation:
         """What is to be reported.
@@ -130,7 +137,7 @@ class ReportStage:
         silent = now.steady - self._tracks_arrived > SILENT_S
         taken = [] if silent else [track for track in self._tracks if is_reported(track, utc, self.settings.only_drones)]
         taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
-        return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, utc)
+        return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, utc, self._to_utc)
 
     def _place(self, now: Instant) -> Place | None:
         if self.settings.place is not None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
-from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due
+from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due, later
 from av_reports.settings import SENSOR_RANGE_M
 from av_reports.stage import Situation
 
@@ -66,7 +66,7 @@ class TrackLog:
     """An `Output` to a table and a sequence of features, at most one line for each track and second.
 
     `tracks_TIME.csv` has the columns FIELDS. `tracks_TIME.geojsonl` has a feature of GeoJSON in each line, as GDAL and QGIS
-    read it. The files grow while they are written.
+    read it. The files grow while they are written. Times are those of the stamps: of a bag, those of its recording.
 
     Attributes:
         written: number of lines in each.
@@ -89,8 +89,9 @@ class TrackLog:
 
     def report(self, situation: Situation) -> None:
         """Write the tracks that are due."""
-        self._newest = {track.id: self._newest.get(track.id, -math.inf) for track in situation.tracks}
-        due = [track for track in situation.tracks if is_due(track.time, self._newest[track.id], 1.0)]
+        tracks = [later(track, -situation.to_utc) for track in situation.tracks]
+        self._newest = {track.id: self._newest.get(track.id, -math.inf) for track in tracks}
+        due = [track for track in tracks if is_due(track.time, self._newest[track.id], 1.0)]
         self._newest |= {track.id: track.time for track in due}
         try:
             self._write(due, situation.place)
@@ -135,7 +136,8 @@ def _coordinates(latitude: float, longitude: float, altitude: float) -> list[flo
 
 
 def _iso(seconds: float) -> str:
-    return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+    rounded = datetime.fromtimestamp(round(seconds, 3), timezone.utc)
+    return rounded.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
 
 
 def _degrees(angle: float) -> float | None:

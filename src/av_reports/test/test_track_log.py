@@ -11,9 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from report_tracks import NOW, bearing, position
+from test_report_messages import TIME, network, targets
 
+from av_common.freshness import Instant
+from av_common.stamps import to_stamp
 from av_reports.contacts import Place
-from av_reports.stage import Situation
+from av_reports.stage import ReportSettings, ReportStage, Situation
 from av_reports.track_log import FIELDS, FORMULA, TrackLog, feature
 
 PLACE = Place(51.5, -0.12, 30.0)
@@ -59,6 +62,29 @@ def test_table_and_features_say_the_same(tmp_path):
         assert known == {name: str(value) for name, value in one['properties'].items()}
     assert rows[0]['time'] == '2023-11-14T22:13:20.150Z' and rows[0]['azimuth_deg'] == '300.0' and rows[1]['latitude'] == '51.5'
     assert rows[2]['elevation_deg'] == rows[2]['drone_probability'] == rows[2]['measured'] == ''
+
+
+@pytest.mark.parametrize('positions', [False, True])
+def test_a_log_of_a_bag_has_the_times_of_the_recording(tmp_path, positions):
+    """Whenever that is played, and at any rate."""
+    log, stage = TrackLog(tmp_path), ReportStage(ReportSettings(positions=positions, north=False))
+    for step in range(15):
+        stamp, now = TIME + 0.1 + 0.4 * step, Instant(0.2 * step, TIME + 0.15 + 0.4 * step)
+        played = 1.7e9 + 0.2 * step - now.ros
+        if positions:
+            message = network(measured=to_stamp(stamp - 0.1))
+            message.header.stamp = to_stamp(stamp)
+            stage.on_network_tracks(message, now, played)
+        else:
+            message = targets(last_heard=to_stamp(stamp - 0.1))
+            message.header.stamp = to_stamp(stamp)
+            stage.on_targets(message, now, played)
+        log.report(stage.situation(now, played))
+    log.close()
+    with files(tmp_path)[0].open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [row['time'] for row in rows] == [f'1970-01-01T00:16:4{s}Z' for s in ('0.100', '1.300', '2.500', '3.700', '4.900')]
+    assert rows[0]['measured'] == '1970-01-01T00:16:40.000Z'
 
 
 def test_files_of_others_are_not_overwritten_and_their_size_is_limited(tmp_path):
