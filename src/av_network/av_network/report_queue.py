@@ -28,7 +28,7 @@ class ReportQueue:
         self._wait = wait
         self._heap: list[tuple[float, str, Report]] = []
         self._newest: dict[str, float] = {}
-        self._released = -math.inf
+        self._now = self._released = -math.inf
         self.late: dict[str, int] = {}
 
     def put(self, report: Report, captured: float) -> bool:
@@ -38,8 +38,10 @@ class ReportQueue:
             report: of a rig.
             captured (s): its time by the reference clock.
         """
-        # A late one, too, tells that its rig is to be waited for; else all of its reports would be late from then on.
-        self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
+        # A late one, too, tells that its rig is to be waited for; else all of its reports would be late from then on. But one
+        # that comes after the longest wait tells that this is in vain: that rig's clock is behind, or its link is slow.
+        if captured > self._now - self._wait:
+            self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
         if captured <= self._released or any(rig == report.rig and abs(time - captured) < PERIOD_S
                                              for time, rig, _ in self._heap):
             self.late[report.rig] = self.late.get(report.rig, 0) + 1
@@ -53,6 +55,7 @@ class ReportQueue:
         Parameters:
             now (s): the reference clock.
         """
+        self._now = now
         awake = [newest for newest in self._newest.values() if now - newest < AWAKE_S]
         complete = max(min(awake, default=math.inf), now - self._wait)
         while self._heap and self._heap[0][0] <= complete:

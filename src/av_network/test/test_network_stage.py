@@ -109,6 +109,21 @@ def test_a_position_that_is_lost_is_not_reported():
     assert not stage.output(START + 8.5).tracks and stage.tracker.states(START + 8.5)
 
 
+def test_a_rig_that_is_always_too_late_delays_nobody():
+    """Its clock is behind, or its link is slow: it is named, and the others' positions are as fresh as without it."""
+    stage = stage_of(('left', 'right', 'third'))
+    for step in range(40):
+        time = START + 0.25 * step
+        for name in ('left', 'right'):
+            stage.on_report(name, report(name, time), time + 0.02)
+        stage.on_report('third', report('third', time - 1.3), time + 0.03)
+        message = stage.output(time + 0.05)
+    (track,) = message.tracks
+    assert track.positioned and list(track.rigs) == ['left', 'right']
+    assert track.measured.sec + 1e-9 * track.measured.nanosec == pytest.approx(time, abs=0.26)
+    assert stage.queue.late['third'] > 30
+
+
 def test_no_cue_without_recent_measurements():
     """A prediction tells nobody where to look."""
     stage = stage_of(('left', 'right', 'third'))
