@@ -152,3 +152,58 @@ def test_words_are_for_people(rig, phone):
             'statusWords("/odometry refused: stamp 5 s")': 'cannot use the attitude of the rig: stamp 5 s'}
     for expression, words in said.items():
         assert phone.value(expression) == words
+
+
+# Pairs of names whose boxes share more than a fifth of the smaller one.
+OVERLAPS = """(() => {
+  const boxes = [...document.querySelectorAll("svg .name")].map(one => [one.closest("svg").id, one.getBoundingClientRect()]);
+  const shared = (a, b) => Math.max(0, Math.min(a.right, b.right) - Math.max(a.left, b.left))
+    * Math.max(0, Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top));
+  const area = box => box.width * box.height;
+  let count = 0;
+  boxes.forEach(([svg, a], i) => boxes.slice(0, i).forEach(([other, b]) => {
+    count += svg === other && shared(a, b) > 0.2 * Math.min(area(a), area(b)); }));
+  return [count, boxes.length];
+})()"""
+
+
+def test_many_targets_fit_a_small_phone(rig):
+    """The stop stays on the screen, the map is no longer than that, and names can be read: the selected target's is there."""
+    tracks = [{'id': number, 'name': 'camera_quadrotor', 'azimuth': -180.0 + 7.1 * number, 'azimuth_world': None, 'point': None,
+               'range': 900.0 / number, 'source': ['sound', 'sight'], 'drone': 0.97, 'selected': number == 33}
+              for number in range(1, 51)]
+    world = {'tracks': [{'id': number, 'name': 'drone', 'ellipse': [4.0, 1.0, 30.0], 'x': 7.0 * (number % 8), 'y': 3.0 * number,
+                         'z': 30.0, 'positioned': number % 2 == 0, 'rigs': ['rig_1', 'rig_2']} for number in range(1, 51)],
+             'rigs': [{'name': f'rig_{number}', 'x': 9.0 * number, 'y': 0.0, 'sigma': 0.1} for number in range(8)]}
+    bearing = {'state': 'sound', 'azimuth': -120.04, 'sigma': 12.0, 'elevation': None, 'range': 1234.0, 'probability': 0.7,
+               'resolved': False}
+    with Browser(find_browser(), width=320, height=568) as phone:
+        phone.open(rig.address)
+        assert phone.wait_for('typeof permitted !== "undefined" && permitted')
+        rig.show(enabled=True, tracks=tracks, world=world, bearing=bearing)
+        assert phone.wait_for('$("targets").children.length === 50 && !$("map-box").hidden && !$("stop-bar").hidden')
+        assert phone.value('document.documentElement.scrollWidth') <= 320
+        assert phone.value('$("stop").getBoundingClientRect().bottom') <= 568
+        assert max(phone.value('["targets", "map-box", "polar-box"].map(id => $(id).getBoundingClientRect().height)')) < 640
+        overlaps, names = phone.value(OVERLAPS)
+        assert overlaps == 0 and names > 10
+        assert phone.value('[...document.querySelectorAll("#polar .name")].some(one => one.textContent.startsWith("drone 33"))')
+
+
+def test_what_is_shown_fades_while_the_connection_is_lost():
+    """It is not how things are now; when the rig is back, it is shown as before."""
+    rig, faded = Rig(), 'getComputedStyle(document.querySelector("main")).opacity < 0.6'
+    port = rig.server.port
+    with Browser(find_browser(), width=390, height=844) as phone:
+        phone.open(rig.address)
+        assert phone.wait_for('typeof permitted !== "undefined" && permitted')
+        rig.show()
+        assert phone.wait_for('state !== null') and not phone.value(faded)
+        rig.server.stop()
+        assert phone.wait_for(f'{faded} && $("state").textContent === "no connection"')
+        rig.server = ViewServer('127.0.0.1', port, Access(control=False), rig.act)
+        rig.server.start()
+        rig.server.set_rigs(('',))
+        rig.show()
+        assert phone.wait_for(f'!({faded}) && state !== null')
+        rig.server.stop()

@@ -36,6 +36,13 @@ function label(svg, x, y, words, width) {
   text.setAttribute('x', Math.max(2, Math.min(x, width - 4 - text.getComputedTextLength())));
 }
 
+// A name where there is room beside a place; those of the first have it, and the list has all.
+function nameBeside(svg, taken, x, y, words) {
+  const left = x + 6, width = 5 * words.length;
+  if (taken.some(box => Math.abs(y - box.y) < 10 && left < box.left + box.width && box.left < left + width)) return;
+  taken.push({ left, width, y }); element(svg, 'text', { class: 'name', x: left, y: y + 3 }, words);
+}
+
 // Position on the polar view of an azimuth in degrees (counter-clockwise from ahead) at a radius.
 function at(azimuth, radius) {
   const turn = (northUp ? azimuth + (state.heading ?? 0) - 90 : azimuth) * Math.PI / 180;
@@ -92,12 +99,13 @@ const difference = (a, b) => ((a - b + 540) % 360) - 180;
 function showTracks(svg, tracks) {
   const level = track => RIM * (track.range ? Math.min(Math.log10(1 + track.range) / 3, 1) : 1);
   follow(tails, tracks, track => [track.azimuth_world ?? track.azimuth, level(track)]);
-  for (const track of tracks) {
+  const taken = [];
+  for (const track of [...tracks].sort((a, b) => b.selected - a.selected)) {
     const offset = track.azimuth_world === null ? 0 : track.azimuth - track.azimuth_world, [cx, cy] = at(track.azimuth, level(track));
     element(svg, 'path', { class: 'tail', d: tails.get(track.id).map(([, azimuth, radius], i, all) =>
       `${i && Math.abs(difference(azimuth, all[i - 1][1])) < JUMP ? 'L' : 'M'}${at(azimuth + offset, radius)}`).join('') });
     element(svg, 'circle', { class: `track ${track.selected ? 'selected' : ''}`, cx, cy, r: 3.5 });
-    element(svg, 'text', { class: 'name', x: cx + 6, y: cy + 3 }, `${nameOf(track)}${track.range ? `, ${Math.round(track.range)} m` : ''}`);
+    nameBeside(svg, taken, cx, cy, `${nameOf(track)}${track.range ? `, ${Math.round(track.range)} m` : ''}`);
   }
 }
 
@@ -118,8 +126,8 @@ function showMap() {
   if (!all.length) return;
   const [low, high] = [Math.min, Math.max].map(bound => ['x', 'y'].map(axis => bound(...all.map(one => one[axis]))));
   const half = Math.max(10, 0.65 * (high[0] - low[0]) * 9 / 16, 0.65 * (high[1] - low[1])), scale = 90 / half, place = (x, y) => [(x - (low[0] + high[0]) / 2) * scale, ((low[1] + high[1]) / 2 - y) * scale];
-  const text = (x, y, words) => element(svg, 'text', { x: x + 6, y: y + 3, class: 'name' }, words);
-  for (const track of tracks) {
+  const taken = [], text = (x, y, words) => nameBeside(svg, taken, x, y, words);
+  for (const track of [...tracks].sort((a, b) => b.positioned - a.positioned)) {
     const [cx, cy] = place(track.x, track.y), [long, short, angle] = track.ellipse;
     for (const rig of rigs) if (track.rigs.includes(rig.name)) { const [x1, y1] = place(rig.x, rig.y); element(svg, 'line', { class: 'sight-line', x1, y1, x2: cx, y2: cy }); }
     element(svg, 'polyline', { class: 'tail', points: points(mapTails.get(track.id).map(([, x, y]) => place(x, y))) });

@@ -41,7 +41,7 @@ function take(message) {
     serial = message.serial;
     for (const row of fresh) { if (rows.length && row[TIME] < rows[rows.length - 1][TIME]) rows = []; rows.push(row); } // a replay may begin again
     while (rows[0]?.[TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
-    requestAnimationFrame(() => { state = message.state; try { if (state) show(); } finally { ask('next'); } });
+    requestAnimationFrame(() => { state = message.state; document.body.classList.remove('lost'); try { if (state) show(); } finally { ask('next'); } });
   } else if (message.type === 'health') {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
@@ -53,7 +53,7 @@ function take(message) {
 
 function lost() {
   for (const resolve of answers.values()) resolve({ done: false, words: 'the connection was lost' });
-  answers.clear(); forget();
+  answers.clear(); forget(); document.body.classList.add('lost');
   say('no connection', 'lost', 'The rig does not answer; trying again. Nothing can be stopped from here now.');
   for (const button of document.querySelectorAll('#stop, #side button, #side select, #side input')) button.disabled = true;
 }
