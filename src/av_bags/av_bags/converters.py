@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import CompressedImage, Image, Imu
@@ -20,8 +19,8 @@ from av_bags.definitions import BagError
 from av_bags.reader import Bag
 from av_common.clock import SenderClock
 from av_common.frames import BASE_FRAME, attitude_of, is_orientation
-from av_common.quaternions import Quaternion as Orientation
-from av_common.quaternions import inverse, product, vector_of
+from av_common.pose_messages import odometry_message
+from av_common.quaternions import Quaternion, inverse, product, vector_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
 from av_vision.messages import header_of, image_from_message, image_message
@@ -29,6 +28,7 @@ from av_vision.messages import header_of, image_from_message, image_message
 Converter = Callable[[Any, int], Iterable[Any]]
 # A stamp that is later than the samples before it by more than this marks a gap in the audio.
 GAP_S = 0.05
+AT_REST = (0.0, 0.0, 0.0)
 DETECTIONS = names.OF_CAMERA[names.DETECTIONS][0]
 # Frame of audio whose messages name none.
 ARRAY_FRAME = 'microphones'
@@ -142,18 +142,19 @@ class Poses:
     """Converts PoseStamped and PoseWithCovarianceStamped to Odometry, with the angular velocity since the previous pose."""
 
     def __init__(self) -> None:
-        self._before: tuple[float, Orientation] | None = None
+        self._before: tuple[float, Quaternion] | None = None
 
     def __call__(self, message: Any, _: int) -> Iterable[Odometry]:
         """Convert one pose."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
-        time, attitude, rate = to_seconds(message.header.stamp), attitude_of(pose.orientation), Vector3()
+        time, attitude, rate = to_seconds(message.header.stamp), attitude_of(pose.orientation), AT_REST
         if is_orientation(attitude):    # others are left to whoever takes the odometry, and tell no rate
             if self._before is not None and time > self._before[0]:
-                x, y, z = (part / (time - self._before[0]) for part in vector_of(product(inverse(self._before[1]), attitude)))
-                rate = Vector3(x=x, y=y, z=z)
+                x, y, z = vector_of(product(inverse(self._before[1]), attitude))
+                rate = x / (time - self._before[0]), y / (time - self._before[0]), z / (time - self._before[0])
             self._before = (time, attitude)
-        return [_odometry(message.header, pose.position, pose.orientation, rate)]
+        at = pose.position
+        return [odometry_message(message.header, BASE_FRAME, (at.x, at.y, at.z), attitude, AT_REST, rate)]
 
 
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
@@ -181,14 +182,9 @@ def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:
     """Convert an Imu to Odometry of its frame at the origin; empty for one without orientation (covariance -1)."""
     if message.orientation_covariance[0] == -1.0:
         return []
-    return [_odometry(message.header, Point(), message.orientation, message.angular_velocity, message.header.frame_id)]
-
-
-def _odometry(header: Header, position: Point, orientation: Quaternion, rate: Vector3, frame: str = '') -> Odometry:
-    message = Odometry(header=header, child_frame_id=frame or BASE_FRAME)
-    message.pose.pose = Pose(position=position, orientation=orientation)
-    message.twist.twist.angular = rate
-    return message
+    rate = message.angular_velocity
+    return [odometry_message(message.header, message.header.frame_id or BASE_FRAME, AT_REST,
+                             attitude_of(message.orientation), AT_REST, (rate.x, rate.y, rate.z))]
 
 
 def _self_described(sound: Any) -> tuple[AudioLayout, NDArray]:

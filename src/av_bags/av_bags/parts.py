@@ -9,6 +9,8 @@ from contextlib import closing, suppress
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
+from rosbags.rosbag2 import Reader
+
 from av_bags.decompression import expand
 from av_bags.definitions import BagError
 from av_common.files import check_file, one_line
@@ -26,9 +28,10 @@ class Parts:
     Parameters:
         path: an mcap or sqlite3 file, or a folder of rosbag2.
         folder: makes a new folder for the copy of a file that is compressed, or was not closed.
+        opened: opens a file, or its copy.
 
     Attributes:
-        files: those that can be read, in the order of recording where metadata tell; of those in `folder` the copies.
+        readers: of those that can be read, in the order of recording where metadata tell.
         described: whether metadata tell which files belong to the bag.
         by_message: whether each message is compressed.
         lost: what is missing.
@@ -37,22 +40,22 @@ class Parts:
     Raises BagError when there is no bag, else the error of the last file where none can be read.
     """
 
-    def __init__(self, path: Path, folder: Callable[[], Path]) -> None:
+    def __init__(self, path: Path, folder: Callable[[], Path], opened: Callable[[Path], Reader]) -> None:
         self.described = self.by_message = False
         self.lost: list[str] = []
         self.notes: list[str] = []
         self._path = path
         if not path.exists():
             raise BagError(f'{path}: no such bag')
-        self.files: list[Path] = []
+        self.readers: list[Reader] = []
         files = self._of_folder() if path.is_dir() else [path]
         for file in files:
             try:
-                self.files.append(self._checked(file, folder))
-            except (ValueError, OSError) as error:    # such as one that was empty when the disk was full
-                if file == files[-1] and not self.files:
+                self.readers.append(opened(self._checked(file, folder)))
+            except Exception as error:    # libraries raise any type, for one that was empty when the disk was full, too
+                if file == files[-1] and not self.readers:
                     raise
-                self.lost.append(str(error))
+                self.lost.append(f'{file} cannot be read: {one_line(error)}')
 
     def _checked(self, file: Path, folder: Callable[[], Path]) -> Path:
         """A file, or the copy of one that is compressed. Raises ValueError or OSError where it cannot be read."""

@@ -74,8 +74,7 @@ class Bag(AbstractContextManager['Bag']):
         self._opened = ExitStack()
         self._copies: dict[Path, Reader] = {}    # of damaged files, each made once
         try:
-            parts = Parts(self.path, self._new_folder)
-            self._readers = self._opened_files(parts.files)
+            self._parts = parts = Parts(self.path, self._new_folder, self._open)
         except BaseException as error:
             self._opened.close()
             if isinstance(error, BagError) or not isinstance(error, Exception):
@@ -83,8 +82,8 @@ class Bag(AbstractContextManager['Bag']):
             raise BagError(f'{self.path} cannot be read: {one_line(error)}') from error  # libraries raise any type
         self.notes = list(parts.notes)
         self._problems.update(dict.fromkeys(parts.lost))
-        self._parts = parts
-        connections = [c for reader in self._readers for c in reader.connections if self._is_readable(c)]
+        self._readers = parts.readers
+        connections = [c for reader in parts.readers for c in reader.connections if self._is_readable(c)]
         counts: Counter[tuple[str, str]] = Counter()
         for connection in connections:
             counts[connection.topic, _kind_of(connection)] += connection.msgcount
@@ -281,18 +280,6 @@ class Bag(AbstractContextManager['Bag']):
         copies = copy_in_order(records, self._new_folder() / name, most_steps)
         self._problems.update(dict.fromkeys(problems))
         return [self._opened_reader(copy) for copy in copies]
-
-    def _opened_files(self, files: list[Path]) -> list[Reader]:
-        """Those of the files that can be opened. Raises what the last one raises where none can."""
-        readers = []
-        for file in files:
-            try:
-                readers.append(self._open(file))
-            except Exception as error:
-                if file == files[-1] and not readers:
-                    raise
-                self._problems[f'{file} cannot be read: {one_line(error)}'] = None
-        return readers
 
     def _open(self, path: Path) -> Reader:
         """Open a file, or the salvaged copy of a damaged mcap file."""

@@ -33,17 +33,19 @@ def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int) ->
 
     Raises OSError.
     """
-    steps, copies, announced = Steps(), [_Copy(path)], dict[tuple[type, int], Schema | Channel]()
+    steps, copies = Steps(), [_Copy(path)]
+    schemas, channels = dict[int, Schema](), dict[int, Channel]()
     for record in records:
-        if isinstance(record, Message):
-            if len(copies) <= min(steps.take(record.channel_id, record.log_time), most_steps):
-                copies.append(_Copy(path.with_stem(f'{path.stem}_{len(copies)}')))
-                for each in sorted(announced.values(), key=lambda one: isinstance(one, Channel)):    # schemas first
-                    copies[-1].announce(each)
-            copies[-1].add(record)
-        elif isinstance(record, (Schema, Channel)):
-            announced.setdefault((type(record), record.id), record)
-            copies[-1].announce(record)
+        if isinstance(record, Schema):
+            schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel):
+            channels.setdefault(record.id, record)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            number = min(steps.take(record.channel_id, record.log_time), most_steps)
+            if number == len(copies):
+                copies.append(_Copy(path.with_stem(f'{path.stem}_{number}')))
+            channel = channels[record.channel_id]
+            copies[number].add(record, channel, schemas.get(channel.schema_id))
     for copy in copies:
         copy.out.finish()
     return [copy.path for copy in copies]
@@ -76,23 +78,18 @@ class _Copy:
         self.path = path
         self.out = Writer(str(path), compression=CompressionType.NONE)
         self.out.start('ros2')
-        self._schemas: dict[int, int] = {}
         self._channels: dict[int, int] = {}
 
-    def announce(self, record: Schema | Channel) -> None:
-        """Add a schema or channel."""
-        if isinstance(record, Schema) and record.id not in self._schemas:
-            text = record.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
-            self._schemas[record.id] = self.out.register_schema(record.name, record.encoding, text)
-        elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
-            self._channels[record.id] = self.out.register_channel(
-                record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata)
-
-    def add(self, record: Message) -> None:
-        """Add a message of a known channel."""
-        if record.channel_id in self._channels:
-            self.out.add_message(self._channels[record.channel_id], record.log_time, record.data, record.publish_time,
-                                 record.sequence)
+    def add(self, record: Message, channel: Channel, schema: Schema | None) -> None:
+        """Add a message of a channel, which is left out without its schema."""
+        if schema is None:
+            return
+        if channel.id not in self._channels:
+            text = schema.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
+            number = self.out.register_schema(schema.name, schema.encoding, text)
+            self._channels[channel.id] = self.out.register_channel(channel.topic, channel.message_encoding, number,
+                                                                   channel.metadata)
+        self.out.add_message(self._channels[channel.id], record.log_time, record.data, record.publish_time, record.sequence)
 
 
 def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
