@@ -10,6 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import PointStamped
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import NavSatFix
 
 from av_common.guarded_node import decode
@@ -37,15 +38,13 @@ class NetworkNode(RigNode):
 
     def configure(self) -> None:
         """Build the stage from the parameters. Raises ValueError where no rig is named yet, and none may join."""
-        p = self.settings
-        self._topics, places, datum = _network(p)
-        names = list(self._topics)
-        rigs = [self._rig(name, not index) for index, name in enumerate(names)]
-        self._stage = NetworkStage(rigs, places, datum)
-        self._meters = {name: RateMeter() for name in names}
+        topics, places, datum = _network(self.settings)
+        self._stage = NetworkStage((), (), datum)
+        self._topics: dict[str, str] = {}
+        self._meters: dict[str, RateMeter] = {}
+        for (name, topic), place in zip(topics.items(), places, strict=True):
+            self._join(name, topic, place)
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
-        self._cues = {name: self.create_publisher(PointStamped, f'{self._topics[name]}/target/cue', RESULT)
-                      for name in names if p.cue}
         self._published = 0
 
     @staticmethod
@@ -56,17 +55,23 @@ class NetworkNode(RigNode):
 
     def activate(self) -> None:
         """Subscribe to all rigs."""
+        self._cues: dict[str, Publisher] = {}
         for name in self._topics:
             self._listen(name)
         self.create_timer(1.0 / RATE_HZ, self._on_time)
         if self.settings.join:
             self.create_timer(LOOK_S, self._look)
 
-    def _rig(self, name: str, first: bool) -> RigSettings:
+    def _join(self, name: str, topic: str, place: RigPlace) -> None:
+        """Take one more rig; the first one has the reference clock."""
         p = self.settings
-        return RigSettings(name, math.radians(p.heading_sigma_deg), 0.0 if first else p.clock_sigma, p.position_sigma)
+        clock_sigma = p.clock_sigma if self._topics else 0.0
+        self._stage.join(RigSettings(name, math.radians(p.heading_sigma_deg), clock_sigma, p.position_sigma), place)
+        self._topics[name], self._meters[name] = topic, RateMeter()
 
     def _listen(self, name: str) -> None:
+        if self.settings.cue:
+            self._cues[name] = self.create_publisher(PointStamped, f'{self._topics[name]}/target/cue', RESULT)
         self.create_subscription(RigReport, f'{self._topics[name]}/network/report',
                                  partial(self._on_report, name), STREAM, raw=True)
         if self._stage.rigs[name].place.source == FIX:
@@ -84,10 +89,7 @@ class NetworkNode(RigNode):
                 continue
             if len(self._topics) >= MOST_RIGS:
                 raise ValueError(f'{name} is one rig more than {MOST_RIGS}')
-            self._stage.join(self._rig(name, not self._topics), RigPlace(self.settings.pose_sources[0], np.zeros(3)))
-            self._topics[name], self._meters[name] = name, RateMeter()
-            if self.settings.cue:
-                self._cues[name] = self.create_publisher(PointStamped, f'{name}/target/cue', RESULT)
+            self._join(name, name, RigPlace(self.settings.pose_sources[0], np.zeros(3)))
             self._listen(name)
             self.get_logger().info(f'{name} joins')
 
