@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 
 LIKELY = 0.5  # from this probability on something is what it may be
 LOST_S = 2.0  # since its newest measurement, after which a target is not reported: as long as a gimbal follows a prediction
+SENSOR_RANGE_M = 500.0  # length of a drawn bearing; that of the target is not known
 
 
 def compass_deg(azimuth: float, digits: int = 9) -> float:

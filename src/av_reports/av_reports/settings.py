@@ -12,7 +12,6 @@ from av_reports.identifiers import is_uuid
 from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
 
-SENSOR_RANGE_M = 500.0  # length of a drawn bearing; that of the target is not known
 SURVEYED_SIGMA_M = 5.0  # of a place along each axis, as a map or a receiver without corrections gives it
 CLASSES = {  # of this suite: class and sub-class of the standard's taxonomy
     'drone': ('Air Vehicle', 'UAV Rotary Wing'), 'airplane': ('Air Vehicle', 'Manned Fixed Wing'),

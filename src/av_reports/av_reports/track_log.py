@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
-from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due, later
-from av_reports.settings import SENSOR_RANGE_M
+from av_reports.contacts import SENSOR_RANGE_M, BearingTrack, Place, PositionTrack, compass_deg, is_due, later
 from av_reports.stage import Situation
 
 FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',

@@ -1,4 +1,4 @@
-"""The way of events to TAK: UDP to a group or a host, TCP, TLS. What comes back is dropped."""
+"""Reports to TAK, and the way of their events: UDP to a group or a host, TCP, TLS. What comes back is dropped."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import asyncio
 import os
 import socket
 import ssl
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlparse
 
-from av_reports.link import Channel, StreamChannel
+from av_reports.cot.stage import CotStage
+from av_reports.link import Channel, Link, StreamChannel
+from av_reports.stage import Situation
 
 SCHEMES = ('udp', 'tcp', 'tls')
 PASSWORD = 'PYTAK_TLS_CLIENT_PASSWORD'  # variable of the environment, as other programs for TAK name it
@@ -102,3 +105,39 @@ class DatagramChannel:
     def close(self) -> None:
         """Close the socket."""
         self._own.close()
+
+
+class CotOutput:
+    """An `Output` of events of Cursor on Target.
+
+    Parameters:
+        uid, callsign: of the rig, see `CotStage`.
+        address: where to; one that can be used.
+    """
+
+    def __init__(self, uid: str, callsign: str, address: CotAddress) -> None:
+        self._address = address
+        self._stage = CotStage(uid, callsign)
+        self._link = Link(partial(connect, address))
+        self._placeless = False
+
+    def report(self, situation: Situation) -> None:
+        """Send the events that are due."""
+        self._placeless = situation.place is None
+        session = self._link.take().session
+        if session:
+            self._link.put(self._stage.on_tracks(situation.tracks, situation.place, situation.now), session)
+
+    def problem(self) -> str:
+        """Why nothing is reported."""
+        if not self._link.take().session:
+            return f'{self._address.url} is not connected: {self._link.problem or "no answer yet"}'
+        return 'the place of the rig is not known: it needs the topic fix, or surveyed.latitude' if self._placeless else ''
+
+    def values(self) -> dict[str, object]:
+        """Numbers of what was sent."""
+        return {'peer': self._address.url, **self._link.values()}
+
+    def close(self) -> None:
+        """End the connection."""
+        self._link.close()

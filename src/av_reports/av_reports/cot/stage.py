@@ -9,9 +9,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack, compass_deg, is_due
+from av_reports.contacts import SENSOR_RANGE_M, BearingTrack, Place, PositionTrack, compass_deg, is_due
 from av_reports.identifiers import ObjectIds
-from av_reports.settings import SENSOR_RANGE_M
 
 RIG_INTERVAL_S, INTERVAL_S = 10.0, 0.99  # between two events of the rig, and of a target: a little less than a period
 RIG_STALE_S, STALE_S = 120.0, 10.0  # time after which an event is no longer shown

@@ -14,13 +14,13 @@ from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
+from av_reports.cot.connection import CotOutput
 from av_reports.identifiers import node_uuid
 from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
-from av_reports.outputs import CotOutput, Output
 from av_reports.settings import SapientSettings, check_settings, cot_address, report_settings
-from av_reports.stage import ReportStage
+from av_reports.stage import Output, ReportStage
 from av_reports.track_log import TrackLog
 
 RATE_HZ = 5.0  # at which is looked for what is due, and messages are answered
