@@ -1,12 +1,17 @@
-"""What viewers of one rig are sent: the newest of everything, and the rows of diagrams that they have not had yet."""
+"""What viewers of one rig are sent, and its limits: the newest of everything, and rows of diagrams that they have not had."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
+LONGEST_TEXT, LONGEST_NAME = 400, 40  # characters of a text, or a name, that comes from a message
+MOST_BOXES, MOST_TRACKS, MOST_GROUPS = 50, 50, 8
+STALE_S = 1.0  # age from which a measurement is no longer shown
+PICTURE_STALE_S = 3.0  # the same of a picture: cameras may be slow
 # Rows in an update: the few that a viewer may have missed, or all for one that is new or was away.
 RECENT, HISTORY = 10, 600
 # What the columns of a row are; azimuths in degrees, confidences 0..1, delay in s, level in dB.
@@ -70,3 +75,18 @@ def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:
     return [snapshot['time'], *[*azimuths, None, None][:2], best['azimuth'], *([bearing['azimuth'], bearing['sigma']] if known
             else [None, None]), truth[0]['azimuth'] if truth else None, sound and sound['confidence'], best['score'],
             bearing['state'] if bearing else 'none', snapshot['delay'], sound and sound['level']]
+
+
+def number(value: float, digits: int = 2) -> float | None:
+    """A rounded number; None for one that is not finite.
+
+    Parameters:
+        value: the number.
+        digits: after the point.
+    """
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def degrees(angle: float) -> float | None:
+    """An angle (rad) in degrees; None where it is not finite."""
+    return number(math.degrees(angle), 1)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from av_view.numbers import LONGEST_TEXT
+from av_view.feed import LONGEST_TEXT
 
 SILENT_S = 5.0  # after its newest status, from which a node counts as ended
 FORGET_S = 600.0  # a node that has ended for longer belongs to another run

@@ -23,7 +23,7 @@ from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.measurement.vectors import angles
 from av_pointing.controller import Mode
 from av_view.camera_view import CameraView
-from av_view.numbers import (
+from av_view.feed import (
     LONGEST_NAME,
     LONGEST_TEXT,
     MOST_BOXES,

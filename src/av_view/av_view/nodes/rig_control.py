@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -22,12 +22,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
-from av_view.numbers import LONGEST_TEXT
+from av_view.feed import LONGEST_TEXT
 
 TIMEOUT_S = 5.0  # after which a person is told that no answer came
 # Parameters that people tune while they look, by nodes of the rig; all are real numbers.
-TUNABLE = {'fusion_node': ('tau', 'confirm_threshold'), 'pointing_node': ('yaw_rate_deg',)}
-Done = Callable[[dict[str, Any]], None]
+TUNABLE = {'fusion_node': ['tau', 'confirm_threshold'], 'pointing_node': ['yaw_rate_deg']}
+T = TypeVar('T')
 FILES = ('.mcap', '.db3')
 MOST_BAGS = 500  # names in one list
 
@@ -126,19 +126,10 @@ class RigControl:
             rig: namespace of the rig.
             request: values of the action.
         """
-        start = self._starter(name, rig, request)
-        answer: Future[dict[str, Any]] = Future()
-
-        def begin() -> None:
-            if not answer.set_running_or_notify_cancel():
-                return  # nobody waits any more: it was told that no answer came
-            try:
-                start(answer.set_result)
-            except Exception as error:  # noqa: BLE001  goes to the viewer, by the thread that waits
-                answer.set_exception(ValueError(str(error)))
-
-        self._work.put(begin)
-        return await asyncio.wait_for(asyncio.wrap_future(answer), TIMEOUT_S)
+        try:
+            return await asyncio.wait_for(self._act(name, rig, request), TIMEOUT_S)
+        except OverflowError as error:  # of a number that no parameter can be
+            raise ValueError(str(error)) from error
 
     def work(self) -> None:
         """Begin what viewers asked for since the last call."""
@@ -162,92 +153,94 @@ class RigControl:
         if rig not in self._marks:
             self._marks[rig] = self._node.create_publisher(Log, f'{rig}/marks', RESULT)
 
-    def _starter(self, name: str, rig: str, request: dict[str, Any]) -> Callable[[Done], None]:
-        """What begins the action in the thread of the node."""
+    async def _act(self, name: str, rig: str, request: dict[str, Any]) -> dict[str, Any]:
         if name in SERVICES:
-            service = SERVICES[name]
-            wanted = service.request(request)
-            return lambda done: self._call(f'{rig}/{service.name}', service.kind, wanted, done)
+            return await self._call(f'{rig}/{SERVICES[name].name}', SERVICES[name].kind, SERVICES[name].request(request))
         if name == 'mark':
-            text = str(request['value']).strip()[:LONGEST_TEXT]
-            return lambda done: self._mark(rig, text, done)
+            return await self._begin(partial(self._mark, rig, str(request['value']).strip()[:LONGEST_TEXT]))
         if name == 'bags':
-            return lambda done: done({'done': True, 'words': '', 'bags': self._bags.names()})
+            return {'done': True, 'words': '', 'bags': await self._begin(self._bags.names)}
         if name == 'open':
-            return lambda done: self._set(f'{rig}/player_node', 'bag', self._bags.path(request['value']), done)
+            return await self._set(f'{rig}/player_node', 'bag', await self._begin(partial(self._bags.path, request['value'])))
         if name == 'tuning':
-            return lambda done: self._describe(rig, done)
+            return await self._describe(rig)
         if name == 'seek':
-            return lambda done: self._set(f'{rig}/player_node', 'position', float(request['value']), done)
+            return await self._set(f'{rig}/player_node', 'position', float(request['value']))
         if name == 'set':
             node, parameter, value = str(request['node']), str(request['name']), request['value']
             if parameter not in TUNABLE.get(node, ()):
                 raise ValueError(f'{node[:80]}: {parameter[:80]} is not set here, only {TUNABLE}')
-            return lambda done: self._set(f'{rig}/{node}', parameter, float(value), done)
+            return await self._set(f'{rig}/{node}', parameter, float(value))
         raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, seek, tuning or set')
 
-    def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
-        def call(_: Any = None) -> None:
-            self._ask(service, kind, wanted, lambda answer: done(
-                {'done': bool(answer.success), 'words': getattr(answer, 'message', '')}))
+    async def _begin(self, work: Callable[[], T]) -> T:
+        """What is done in the thread of the node, unless nobody waits for it any more. Raises ValueError where that fails."""
+        answer: Future[T] = Future()
 
+        def begin() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return  # whoever asked was told that no answer came
+            try:
+                answer.set_result(work())
+            except Exception as error:  # noqa: BLE001  goes to the viewer, by the thread that waits
+                answer.set_exception(ValueError(str(error)))
+
+        self._work.put(begin)
+        return await asyncio.wrap_future(answer)
+
+    async def _ask(self, service: str, kind: Any, wanted: Any) -> Any:
+        """The answer of a service. Raises ValueError where nobody offers it."""
+        answer: Future[Any] = Future()
+        answer.set_running_or_notify_cancel()  # it may come when nobody waits any more
+
+        def call() -> None:
+            client = self._client(service, kind)
+            if not client.service_is_ready():
+                raise ValueError(f'{service} is not offered at the moment: try again')
+            client.call_async(wanted).add_done_callback(lambda future: answer.set_result(future.result()))
+
+        await self._begin(call)
+        return await asyncio.wrap_future(answer)
+
+    async def _call(self, service: str, kind: Any, wanted: Any) -> dict[str, Any]:
         if kind is ChangeState:  # a recorder may wait unconfigured; one that does not refuses this and is left as it is
-            self._ask(service, kind, CONFIGURE, call)
-        else:
-            call()
+            await self._ask(service, kind, CONFIGURE)
+        answer = await self._ask(service, kind, wanted)
+        return {'done': bool(answer.success), 'words': getattr(answer, 'message', '')}
 
     def _client(self, service: str, kind: Any) -> Any:
         if service not in self._clients:
             self._clients[service] = self._node.create_client(kind, service)
         return self._clients[service]
 
-    def _ask(self, service: str, kind: Any, wanted: Any, take: Callable[[Any], None]) -> None:
-        """Send a request to a service; its answer is taken later. Raises ValueError where nobody offers it."""
-        client = self._client(service, kind)
-        if not client.service_is_ready():
-            raise ValueError(f'{service} is not offered at the moment: try again')
-        client.call_async(wanted).add_done_callback(lambda future: take(future.result()))
-
-    def _mark(self, rig: str, text: str, done: Done) -> None:
+    def _mark(self, rig: str, text: str) -> dict[str, Any]:
         """Publish a mark with the time of the rig's clock."""
         if rig not in self._marks:
             raise ValueError('nobody looks at this rig')
         self._marks[rig].publish(Log(stamp=self._node.get_clock().now().to_msg(), level=Log.INFO, name=self._node.get_name(),
                                      msg=text or 'mark'))
-        done({'done': True, 'words': f'marked: {text or "mark"}'})
+        return {'done': True, 'words': f'marked: {text or "mark"}'}
 
-    def _describe(self, rig: str, done: Done) -> None:
-        """What can be tuned: two requests to each node of TUNABLE that answers. Those that do not are left out."""
+    async def _describe(self, rig: str) -> dict[str, Any]:
+        """What can be tuned of the nodes of TUNABLE. Those that are not offered are left out."""
         found: list[dict[str, Any]] = []
-        ready = [node for node in TUNABLE
-                 if self._client(f'{rig}/{node}/describe_parameters', DescribeParameters).service_is_ready()]
-        missing = set(ready)
+        for node, names in TUNABLE.items():
+            with suppress(ValueError):
+                told = await self._ask(f'{rig}/{node}/describe_parameters', DescribeParameters,
+                                       DescribeParameters.Request(names=names))
+                values = (await self._ask(f'{rig}/{node}/get_parameters', GetParameters,
+                                          GetParameters.Request(names=names))).values
+                found += [_entry(node, descriptor, value.double_value)
+                          for descriptor, value in zip(told.descriptors, values, strict=True) if not descriptor.read_only]
+        if not found:
+            return {'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'}
+        return {'done': True, 'words': '', 'parameters': sorted(found, key=lambda one: one['name'])}
 
-        def got(node: str, descriptors: list[ParameterDescriptor], values: list[Any]) -> None:
-            found.extend(_entry(node, descriptor, value.double_value)
-                         for descriptor, value in zip(descriptors, values, strict=True) if not descriptor.read_only)
-            missing.discard(node)
-            if not missing:
-                done({'done': True, 'words': '', 'parameters': sorted(found, key=lambda one: one['name'])})
-
-        def described(node: str, told: Any) -> None:
-            self._ask(f'{rig}/{node}/get_parameters', GetParameters, GetParameters.Request(names=list(TUNABLE[node])),
-                      lambda answer: got(node, told.descriptors, answer.values))
-
-        for node in ready:
-            self._ask(f'{rig}/{node}/describe_parameters', DescribeParameters,
-                      DescribeParameters.Request(names=list(TUNABLE[node])),
-                      partial(described, node))
-        if not ready:
-            done({'done': False, 'words': f'{" and ".join(TUNABLE)} do not answer at the moment'})
-
-    def _set(self, node: str, name: str, value: float | str, done: Done) -> None:
+    async def _set(self, node: str, name: str, value: float | str) -> dict[str, Any]:
         """Set a parameter; the node checks the bounds."""
-        def told(answer: Any) -> None:
-            done({'done': bool(answer.results[0].successful), 'words': answer.results[0].reason or 'set'})
-
-        self._ask(f'{node}/set_parameters', SetParameters, SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]), told)
+        (result,) = (await self._ask(f'{node}/set_parameters', SetParameters, SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]))).results
+        return {'done': bool(result.successful), 'words': result.reason or 'set'}
 
 
 def _entry(node: str, descriptor: ParameterDescriptor, value: float) -> dict[str, Any]:

@@ -39,9 +39,8 @@ from av_interfaces.msg import (
     WorldTrackArray,
 )
 from av_view.camera_view import CameraView
-from av_view.feed import Feed, row_of
+from av_view.feed import STALE_S, Feed, row_of
 from av_view.markers import markers, world_markers
-from av_view.numbers import STALE_S
 from av_view.picture import RecentImages, jpeg_of
 from av_view.rig_state import RigState
 from av_view.spectrum import spectrum
