@@ -189,11 +189,11 @@ class RigWatch:
 
     def _look_through(self, camera: str, header: Any) -> None:
         """Note how a camera is turned at the time of what it shows, by the header of that."""
-        model, known = self._converter.cameras.get(camera), self._state.cameras.get(camera)
+        model = self._converter.cameras.get(camera)
         rotation = None if model is None else self._rotations.rotation(header.frame_id, to_seconds(header.stamp))
         if model is None or rotation is None:
             self._state.cameras.pop(camera, None)
-        elif known is None or known.model is not model or known.rotation is not rotation:
+        else:
             self._state.cameras[camera] = CameraView(model, rotation)
 
     def _on_camera_info(self, camera: str, message: CameraInfo, _published: float) -> None:
