@@ -22,11 +22,11 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from av_bags import timeline
 from av_bags.decompression import ZSTD_MAGIC, limit_rosbags, message
 from av_bags.definitions import AUDIO_PACKAGE, BagError, UnknownTypeError, completed, installed_types, parse
 from av_bags.parts import Parts
-from av_bags.salvage import copy_in_order, records_of_database, records_of_file
-from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
+from av_bags.timeline import MOST_STEPS, Segment
 from av_common.files import one_line
 
 FOREVER = 2**63 - 1  # ns, the largest time of a bag
@@ -249,13 +249,13 @@ class Bag(AbstractContextManager['Bag']):
             readers += [(before + number, part) for number, (part, _) in enumerate(parts)]
             blocks += [(before + number, times) for number, (_, times) in enumerate(parts)]
             before += len(parts) - 1 if self._parts.described else 0    # the files of a described bag follow each other
-        return readers, segments_of(blocks)
+        return readers, timeline.segments_of(blocks)
 
     def _times_of(self, reader: Reader) -> tuple[NDArray[np.int64], int]:
         """Times (n,) of the messages of a file, and how often the clock was set back in its course."""
-        steps, found = Steps(), list[int]()
+        steps, found = timeline.Steps(), list[int]()
         try:
-            for topic, time_ns in recorded(reader):
+            for topic, time_ns in timeline.recorded(reader):
                 steps.take(topic, time_ns)
                 found.append(time_ns)
             return np.array(found, np.int64), steps.count if steps.count <= MOST_STEPS else 0
@@ -265,19 +265,20 @@ class Bag(AbstractContextManager['Bag']):
     def _by_step(self, reader: Reader) -> list[Reader]:
         """Copies of an open file in whose course the clock was set back, one for each clock."""
         path, problems = Path(str(reader.path)), list[str]()
-        records = records_of_file(path, problems) if path.suffix == '.mcap' else records_of_database(reader, problems)
+        records = (timeline.records_of_file(path, problems) if path.suffix == '.mcap'
+                   else timeline.records_of_database(reader, problems))
         return self._copied(records, problems, f'{path.stem}.mcap', MOST_STEPS)
 
     def _salvaged(self, path: Path) -> Reader:
         """A copy of what can be read of a damaged mcap file."""
         if path not in self._copies:
             problems: list[str] = []
-            self._copies[path], = self._copied(records_of_file(path, problems), problems, path.name, 0)
+            self._copies[path], = self._copied(timeline.records_of_file(path, problems), problems, path.name, 0)
         return self._copies[path]
 
     def _copied(self, records: Iterable[McapRecord], problems: list[str], name: str, most_steps: int) -> list[Reader]:
         """Open copies of records, in whose course `problems` are found; the other parameters are those of `copy_in_order`."""
-        copies = copy_in_order(records, self._new_folder() / name, most_steps)
+        copies = timeline.copy_in_order(records, self._new_folder() / name, most_steps)
         self._problems.update(dict.fromkeys(problems))
         return [self._opened_reader(copy) for copy in copies]
 

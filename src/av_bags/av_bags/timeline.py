@@ -1,25 +1,36 @@
-"""When the messages of a bag were recorded: pauses, and clocks that were set while recording.
+"""Messages in the order of their recording: pauses, clocks that were set meanwhile, and copies of files in that order.
 
 A clock that is set forward leaves a gap without messages, as a pause does. One that is set back shows in the order in which the
 file holds the messages of one topic; a file that holds one topic after the other, or all in no order, is only unsorted.
+What can be read of a damaged mcap file, such as one left by a killed recorder, is copied. So is a file in whose course the
+clock was set back, each clock to a file of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from operator import itemgetter
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.records import MessageIndex
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, MessageIndex, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
+
+from av_bags.decompression import decompress
 
 GAP_NS = 5 * 10**9        # without any message: more than a rig with sound, images or odometry ever pauses
 BACK_NS = 10**9 // 2      # by which messages of a topic may be recorded out of order
 MOST_STEPS = 16           # of the clock; a file with more is in no order
+PLAUSIBLE_RECORD_BYTES = 2**31  # a longer record has a damaged length: chunks are some MB
 
 
 class Segment(NamedTuple):
@@ -83,3 +94,112 @@ def segments_of(steps: list[tuple[int, NDArray[np.int64]]]) -> list[Segment]:
         found += [Segment(step, int(ordered[first]), int(ordered[last]))
                   for first, last in zip([0, *(ends + 1)], [*ends, len(ordered) - 1], strict=True)]
     return found
+
+
+def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int) -> list[Path]:
+    """Copy messages in the order of their recording to an mcap file, to a further one each time that the clock was set back.
+
+    Parameters:
+        records: schemas, channels and messages.
+        path: the first file; the others have a number in their names.
+        most_steps: largest number of further files.
+
+    Raises OSError.
+    """
+    steps, copies = Steps(), [_Copy(path)]
+    schemas, channels = dict[int, Schema](), dict[int, Channel]()
+    for record in records:
+        if isinstance(record, Schema):
+            schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel):
+            channels.setdefault(record.id, record)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            number = min(steps.take(record.channel_id, record.log_time), most_steps)
+            if number == len(copies):
+                copies.append(_Copy(path.with_stem(f'{path.stem}_{number}')))
+            channel = channels[record.channel_id]
+            copies[number].add(record, channel, schemas.get(channel.schema_id))
+    for copy in copies:
+        copy.out.finish()
+    return [copy.path for copy in copies]
+
+
+def records_of_database(reader: Reader, problems: list[str]) -> Iterator[McapRecord]:
+    """Schemas, channels and messages of an open sqlite3 file in the order of their recording, up to where it is damaged.
+
+    Parameters:
+        reader: the file.
+        problems: takes a description of the damage.
+    """
+    for connection in reader.connections:
+        encoding = 'ros2idl' if connection.msgdef.format == MessageDefinitionFormat.IDL else 'ros2msg'
+        yield Schema(connection.id, connection.msgdef.data.encode(), encoding, connection.msgtype)
+        yield Channel(connection.id, connection.topic, 'cdr', {}, connection.id)
+    rows = reader.storage.dbconn.execute("SELECT topic_id, timestamp, data FROM messages WHERE typeof(data) = 'blob' "
+                                         "AND typeof(timestamp) = 'integer' AND timestamp >= 0 ORDER BY id")
+    try:
+        for number, (topic, time_ns, data) in enumerate(rows):
+            yield Message(topic, time_ns, data, time_ns, number)
+    except Exception as error:  # noqa: BLE001  the same
+        problems.append(f'{reader.path.name} is damaged ({error})')
+
+
+class _Copy:
+    """A new mcap file that is written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.out = Writer(str(path), compression=CompressionType.NONE)
+        self.out.start('ros2')
+        self._channels: dict[int, int] = {}
+
+    def add(self, record: Message, channel: Channel, schema: Schema | None) -> None:
+        """Add a message of a channel, which is left out without its schema."""
+        if schema is None:
+            return
+        if channel.id not in self._channels:
+            text = schema.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
+            number = self.out.register_schema(schema.name, schema.encoding, text)
+            self._channels[channel.id] = self.out.register_channel(channel.topic, channel.message_encoding, number,
+                                                                   channel.metadata)
+        self.out.add_message(self._channels[channel.id], record.log_time, record.data, record.publish_time, record.sequence)
+
+
+def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
+    """The records of an mcap file that can be read, in order; descriptions of the damage are added to `problems`.
+
+    A damaged chunk loses only its own messages; a record of damaged length loses everything behind it.
+    """
+    with path.open('rb') as file:
+        records = StreamReader(file, emit_chunks=True, record_size_limit=PLAUSIBLE_RECORD_BYTES).records
+        offset, is_summary_read = 0, False
+        while True:
+            try:
+                record = next(records, None)
+            except Exception as error:  # noqa: BLE001  libraries raise any type on damaged bytes
+                problems.append(f'{path.name} ends after byte {offset} ({str(error) or type(error).__name__})')
+                return
+            if record is None or isinstance(record, DataEnd):
+                return
+            if isinstance(record, Chunk):
+                try:
+                    content = decompress(record.data, record.compression, record.uncompressed_size)
+                    yield from breakup_chunk(replace(record, data=content, compression=''), validate_crc=True)
+                except Exception as error:  # noqa: BLE001  the same
+                    problems.append(f'{path.name}: the chunk at byte {offset} is damaged ({error})')
+                    if not is_summary_read:
+                        is_summary_read = True
+                        yield from _summarised(path)
+            else:
+                yield record
+            offset = file.tell()
+
+
+def _summarised(path: Path) -> list[McapRecord]:
+    """Schemas and channels by the end of an mcap file: those that a damaged chunk held are of messages in other chunks, too."""
+    try:
+        with path.open('rb') as file:
+            summary = SeekingReader(file, record_size_limit=PLAUSIBLE_RECORD_BYTES).get_summary()
+    except Exception:  # noqa: BLE001  the same
+        return []
+    return [*summary.schemas.values(), *summary.channels.values()] if summary else []

@@ -139,10 +139,9 @@ def of_camera(name: str) -> tuple[str, str]:
 
 def _beside_images(bag: Bag, remappings: Mapping[str, str]) -> dict[str, str]:
     """The camera_info beside images that are remapped, by the rig's names."""
-    infos = {camera_topic(camera, CAMERA): remappings.get(camera_topic(camera, IMAGE), '').removesuffix(COMPRESSED)
-             for camera in CAMERAS}
-    beside = {name: f'{image.rpartition("/")[0]}/camera_info' for name, image in infos.items()}
-    return {name: topic for name, topic in beside.items() if topic in bag.topics and infos[name]}
+    beside = {camera_topic(camera, CAMERA): f'{images.rpartition("/")[0]}/camera_info' for camera in CAMERAS
+              if (images := remappings.get(camera_topic(camera, IMAGE), '').removesuffix(COMPRESSED))}
+    return {name: topic for name, topic in beside.items() if topic in bag.topics}
 
 
 def _remapped(bag: Bag, name: str, topic: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from sensor_msgs.msg import NavSatFix
 
@@ -39,22 +39,6 @@ class Situation(NamedTuple):
     silent: bool
     now: float
     to_utc: float = 0.0
-
-
-class Output(Protocol):
-    """Something that situations are reported to."""
-
-    def report(self, situation: Situation) -> None:
-        """Report a situation."""
-
-    def problem(self) -> str:
-        """What is wrong; empty for nothing."""
-
-    def values(self) -> dict[str, object]:
-        """What diagnostics tell."""
-
-    def close(self) -> None:
-        """End it."""
 
 
 @dataclass(frozen=True)

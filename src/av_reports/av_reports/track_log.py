@@ -62,7 +62,7 @@ def feature(track: Tracked, place: Place | None) -> dict[str, Any]:
 
 
 class TrackLog:
-    """An `Output` to a table and a sequence of features, at most one line for each track and second.
+    """A table and a sequence of features, at most one line for each track and second.
 
     `tracks_TIME.csv` has the columns FIELDS. `tracks_TIME.geojsonl` has a feature of GeoJSON in each line, as GDAL and QGIS
     read it. The files grow while they are written. Times are those of the stamps: of a bag, those of its recording.

@@ -108,7 +108,7 @@ class DatagramChannel:
 
 
 class CotOutput:
-    """An `Output` of events of Cursor on Target.
+    """Events of Cursor on Target.
 
     Parameters:
         uid, callsign: of the rig, see `CotStage`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -20,8 +20,11 @@ from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
 from av_reports.settings import SapientSettings, check_settings, cot_address, report_settings
-from av_reports.stage import Output, ReportStage
+from av_reports.stage import ReportStage
 from av_reports.track_log import TrackLog
+
+if TYPE_CHECKING:
+    from av_reports.sapient.output import SapientOutput
 
 RATE_HZ = 5.0  # at which is looked for what is due, and messages are answered
 
@@ -39,7 +42,7 @@ class ReportNode(RigNode):
         self._settings = self.settings
         self._stage = ReportStage(report_settings(self._settings))
         self._commands = RigCommands(self, not self._settings.positions, self.now)
-        self._outputs: dict[str, Output] = {}
+        self._outputs: dict[str, SapientOutput | CotOutput | TrackLog] = {}
 
     def activate(self) -> None:
         """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError and ValueError for files."""

@@ -11,7 +11,7 @@ from functools import partial
 from av_reports.contacts import Command
 from av_reports.link import Link, StreamChannel
 from av_reports.sapient.stage import SapientStage
-from av_reports.sapient.task_desk import Reaction
+from av_reports.sapient.tasks import Reaction
 from av_reports.settings import SapientSettings
 from av_reports.stage import Situation
 

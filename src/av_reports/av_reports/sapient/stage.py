@@ -18,7 +18,7 @@ from av_reports.sapient.encoder import (
 )
 from av_reports.sapient.protocol import ICD_VERSION, Error, Task, TaskAck
 from av_reports.sapient.registration import REQUESTS, STATUS_S, registration_message
-from av_reports.sapient.task_desk import Reaction, TaskDesk
+from av_reports.sapient.tasks import Reaction, TaskDesk
 from av_reports.sapient.validation import check, parse
 from av_reports.settings import SapientSettings
 
