@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 LIKELY = 0.5  # from this probability on something is what it may be
 LOST_S = 2.0  # since its newest measurement, after which a target is not reported: as long as a gimbal follows a prediction
@@ -84,10 +84,7 @@ class PositionTrack(NamedTuple):
         return east, north, up
 
 
-Contact = TypeVar('Contact', BearingTrack, PositionTrack)
-
-
-def later(track: Contact, seconds: float) -> Contact:
+def later(track: BearingTrack | PositionTrack, seconds: float) -> BearingTrack | PositionTrack:
     """A target as it is by a clock that is ahead by some time (s); one that was never measured stays so."""
     measured = track.measured + seconds if track.measured else 0.0
     return track._replace(time=track.time + seconds, measured=measured)
