@@ -15,7 +15,6 @@ from av_sim_bridge.wire.gimbal import GimbalSample
 from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.config_files import find_config
 from av_simulator.motion.gimbal import ENCODER_SIGMA
-from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.render_process import RendererFactory, make_renderer
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Drone, View
@@ -71,7 +70,7 @@ class World:
         """Factory of renderers for one of the rig's cameras, which may be used in another process."""
         seen_by = self.rig.cameras[camera]
         drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
-        return partial(make_renderer, seen_by.model, self.scenario.scene, drones[:MOST_DRONES],
+        return partial(make_renderer, seen_by.model, self.scenario.scene, drones,
                        [_seen(obstacle) for obstacle in self.scenario.obstacles], self.seed,
                        self.scenario.weather.temperature_c, seen_by.palette if seen_by.kind == 'thermal' else '')
 
@@ -156,7 +155,7 @@ class World:
         """
         weather, model = self.scenario.weather, self.rig.cameras[camera].model
         position, rotation = self.camera_pose(time, camera)
-        drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
+        drones = [self._drone(number, time) for number in range(len(self.scenario.targets))]
         # Distant stationary objects move in the image opposite to the camera's rotation.
         turn = Rotation.from_matrix(self.camera_pose(time - SHUTTER, camera)[1].T @ rotation).as_rotvec() / SHUTTER
         motion = (-model.fx * turn[1], model.fy * turn[0])

@@ -13,6 +13,7 @@ from av_simulator.rendering.flat_renderer import FlatRenderer
 from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
 from av_simulator.rendering.scenes import SCENES, Solid, Woodland
 from av_simulator.rendering.view import LEAST, Drone, View, outline, score
+from av_simulator.run import open_world
 
 CAMERA = load_rig(find_config('rig')).camera
 EYE = np.array([0.0, 0.0, 1.5])
@@ -99,6 +100,16 @@ def test_segmentation_names_each_drone():
     for truth in made.truth:
         columns = np.flatnonzero((made.segmentation == truth.target_id).any(axis=0))
         assert (truth.box[0], truth.box[2]) == (columns[0], columns[-1])
+
+
+def test_every_drone_of_a_swarm_is_in_the_picture():
+    """Ten side by side, as many as a scenario has; MuJoCo has six groups of what is drawn."""
+    drones = [Drone(2 + k, EYE + np.array([9.0, 1.1 * (k - 4.5), 1.0]), np.eye(3), 0.6) for k in range(10)]
+    made = image(view(drones=drones), drones=[(0.6, 4)] * 10, everything=True)
+    for truth in made.truth:
+        rows, columns = (np.flatnonzero((made.segmentation == truth.target_id).any(axis=axis)) for axis in (1, 0))
+        assert truth.box == (columns[0], rows[0], columns[-1], rows[-1]) and truth.visible_fraction == 1.0
+    assert len(open_world('swarm_10').view(0, 0.0).drones) == len(made.boxes) == 10
 
 
 def test_the_oracle_reports_what_can_be_seen():

@@ -13,8 +13,7 @@ from scipy.ndimage import gaussian_filter
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import BODY_SIZE, ROTOR_RADIUS, rotor_places
 
-DRONE_GROUP = 1          # geoms of drone k have group 1 + k, so that each drone can be drawn alone
-MOST_DRONES = 5          # MuJoCo has six groups of geoms
+DRONE_GROUPS = 5         # of geoms, besides that of the scene, so that few drones are drawn at a time: MuJoCo has six
 _GROUNDS = {             # base colour, contrast, repetitions over the ground plane
     'forest': ((0.30, 0.27, 0.17), 0.30, 60), 'grass': ((0.36, 0.42, 0.20), 0.20, 60),
     'concrete': ((0.55, 0.55, 0.54), 0.08, 20), 'asphalt': ((0.30, 0.30, 0.31), 0.10, 20),
@@ -25,6 +24,11 @@ _PLANE = 300.0           # m, half the side of the ground plane
 def drone_body(number: int) -> str:
     """Name of a drone's body in the model."""
     return f'drone{number}'
+
+
+def drone_group(number: int) -> int:
+    """The group of a drone's geoms; that of the scene is 0."""
+    return 1 + number % DRONE_GROUPS
 
 
 def rotor_joint(number: int, rotor: int) -> str:
@@ -40,7 +44,7 @@ def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tupl
         solids: static solids.
         ground: name of the ground's texture.
         sky: whether there is a sky; else the light is that of a hall.
-        drones: size (m) and number of rotors of each of at most MOST_DRONES drones.
+        drones: size (m) and number of rotors of each drone.
         size (px): width and height of the images.
         fovy_deg (deg): vertical field of view.
         seed: seed of the textures.
@@ -123,7 +127,7 @@ def _solid(asset: ET.Element, world: ET.Element, name: str, solid: Solid) -> Non
 
 
 def _drone(world: ET.Element, number: int, size: float, rotors: int) -> None:
-    look = {'group': str(DRONE_GROUP + number), 'contype': '0', 'conaffinity': '0', 'mass': '0.1'}
+    look = {'group': str(drone_group(number)), 'contype': '0', 'conaffinity': '0', 'mass': '0.1'}
     dark, grey = '0.09 0.09 0.10 1', '0.16 0.16 0.17 1'
     body = _add(world, 'body', name=drone_body(number), mocap='true')
     _add(body, 'geom', type='ellipsoid', size=_text(BODY_SIZE * size), rgba=dark, **look)

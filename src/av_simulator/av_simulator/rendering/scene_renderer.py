@@ -29,7 +29,7 @@ from av_simulator.rendering.camera_effects import (
     ThermalCamera,
     apparent_temperature,
 )
-from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
+from av_simulator.rendering.mjcf import build, drone_body, drone_group, rotor_joint
 from av_simulator.rendering.oracle import Oracle, Visible
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import Appearance, Drone, RenderedImage, View, appearance
@@ -70,7 +70,8 @@ class SceneRenderer:
         mujoco = self._mujoco
         self._model = mujoco.MjModel.from_xml_string(xml, assets)
         self._data = mujoco.MjData(self._model)
-        self._warmth = self._warmth_of(solids, len(drones))
+        self._drones = len(drones)
+        self._warmth = self._warmth_of(solids)
         try:
             self._open()
         except (ImportError, mujoco.FatalError) as error:    # a library without a driver
@@ -135,7 +136,7 @@ class SceneRenderer:
         Parameters:
             crop: part of the image.
             zbuffer ((height, width), float32): array for the depth buffer, bottom row first; None for none.
-            groups: 1 for each of the six groups of geoms that is drawn, else 0; None for all.
+            groups ((6,)): which groups of geoms are drawn; None for all.
             identities: whether the colours are the numbers of the geoms.
             times: samples per pixel along rows and along columns.
         """
@@ -179,9 +180,7 @@ class SceneRenderer:
     def _visible(self, view: View, number: int, drone: Drone, depth: NDArray, where: Appearance) -> Visible:
         """Box and share of the pixels of a drone that nothing hides; None without any."""
         window = where.window(margin=2)
-        alone = np.zeros(6, int)
-        alone[DRONE_GROUP + number] = 1
-        covered = self._identities(window, alone) >= 0
+        covered = self._owner[self._identities(window, np.arange(6) == drone_group(number))] == drone.target_id
         visible = covered
         nearest = view.to_optical(drone.position[np.newaxis])[0, 2] - 0.6 * drone.size
         if depth[window].min() < nearest:    # possibly occluded
@@ -196,16 +195,17 @@ class SceneRenderer:
     @cached_property
     def _owner(self) -> NDArray:
         """Target id of each geom, 0 for other objects; the last element is for the sky."""
-        groups = np.array([*self._model.geom_group, 0], np.int32)
-        return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET, 0)
+        bodies = self._model.body_rootid[self._model.geom_bodyid].tolist()
+        drones = {self._model.body(drone_body(number)).id: FIRST_TARGET + number for number in range(self._drones)}
+        return np.array([*(drones.get(body, 0) for body in bodies), 0], np.int32)
 
-    def _warmth_of(self, solids: list[Solid], drones: int) -> NDArray:
+    def _warmth_of(self, solids: list[Solid]) -> NDArray:
         kinds = self._mujoco.mjtGeom
         parts = {kinds.mjGEOM_ELLIPSOID: BODY_WARMER_K, kinds.mjGEOM_CYLINDER: MOTOR_WARMER_K,
                  kinds.mjGEOM_CAPSULE: ARM_WARMER_K, kinds.mjGEOM_BOX: BLADE_WARMER_K}
         warmth = np.full(self._model.ngeom, GROUND_WARMER_K)
         for kind, warmer_k in parts.items():
-            warmth[(self._model.geom_group >= DRONE_GROUP) & (self._model.geom_type == kind)] = warmer_k
+            warmth[(self._owner[:-1] > 0) & (self._model.geom_type == kind)] = warmer_k
         for number, solid in enumerate(solids):
             warmth[self._model.geom(f'solid{number}').id] = solid.warmer_k
         return np.append(warmth, 0.0)
