@@ -205,9 +205,14 @@ class FileSource:
         return np.concatenate(blocks)[:, self._picked]
 
     def _rewind(self) -> None:
-        """Go to the beginning, which libsndfile cannot after the end of a file that breaks off or states no length."""
+        """Go to the beginning, which libsndfile cannot after the end of a file that breaks off or states no length.
+
+        Raises ValueError for a file of other sound that has taken its place.
+        """
         self._file.close()
-        self._file = open_sound(self._path)
+        known, self._file = self._file, open_sound(self._path)
+        if (self._file.samplerate, self._file.channels) != (known.samplerate, known.channels):
+            raise ValueError(f'sound file {self._path} has another rate or other channels than before')
 
 
 class UnfinishedWav:

@@ -125,6 +125,23 @@ def written(file_format, subtype='PCM_16', seconds=1.0):
     return bytearray(buffer.getvalue()), samples
 
 
+@pytest.mark.parametrize(('rate', 'channels'), [(44_100, 2), (48_000, 1), (48_000, 4)])
+def test_a_loop_ends_where_its_file_is_replaced_by_one_of_other_sound(tmp_path, rate, channels):
+    """At the rate of the former one its tones, and with them all delays, would be others."""
+    path = tmp_path / 'sound.wav'
+    soundfile.write(path, np.full((4800, 2), 0.25), 48_000)
+    source, buffer = FileSource(path, block_samples=480, loop=True), RingBuffer(2)
+    soundfile.write(tmp_path / 'new.wav', np.full((4800, channels), 0.75), rate)
+    source.start(buffer)
+    assert buffer.wait(10.0)
+    (tmp_path / 'new.wav').replace(path)
+    deadline = time.monotonic() + 20.0
+    while not source.finished and time.monotonic() < deadline:
+        time.sleep(0.02)
+    source.close()
+    assert source.finished and np.all(buffer.read()[1] == 0.25)
+
+
 @pytest.mark.parametrize('subtype', ['PCM_16', 'PCM_24', 'FLOAT'])
 @pytest.mark.parametrize('size', [0, 4000, 2**32 - 1])
 @pytest.mark.parametrize('kind', ['WAV', 'WAVEX'])
