@@ -78,7 +78,7 @@ class EvenPhases(SteeredResponse):
         agreement = height / float(np.abs(clusters).sum())
         return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
 
-    def _significance_of(self, clusters: NDArray) -> float:
+    def _rarity(self, clusters: NDArray) -> float:
         """Quantile of the normal distribution that is as rare as a peak of these clusters (c,), as steered, by chance.
 
         Their phases are even then: the probability that real parts add up to h falls as exp(-max_t(t h - sum log I0(t |c|)))

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from av_audio.even_phases import GROUP_HZ, is_no_reflection
 from av_audio.spectra import ALIKE_HZ, phases_of
-from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse
+from av_audio.steered_response import EVEN_SIGNIFICANCE, Peak, SteeredResponse, over_chance
 from av_common.microphone_array import MicrophoneArray
 
 MOST_SOURCES = 4
@@ -54,7 +54,6 @@ class FurtherSources(SteeredResponse):
         self._used = len(frequencies) // self._group * self._group
         super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, ALIKE_HZ)
         self._least_height = LEAST_COHERENCE * self._used * len(self._baselines.pairs)
-        self._wide = self._clusters[::round(WIDE_HZ / ALIKE_HZ)]
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3**array.rank))
         self._neighbours = np.ascontiguousarray(neighbours[:, 1:].T)
@@ -150,11 +149,15 @@ class FurtherSources(SteeredResponse):
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
-        significance = self._significance * peak.significance
-        if self._array.channels == 2 and significance > 0.0:
-            wide = np.add.reduceat(self._steer(weighted, q).sum(axis=0), self._wide)
-            significance = min(significance, WIDE_SIGNIFICANCE * self._significance_of(wide))
-        return replace(peak, significance=significance, covariance=peak.covariance / self._significance**2)
+        return replace(peak, covariance=peak.covariance / self._significance**2)
+
+    def _significance_of(self, parts: NDArray) -> float:
+        clusters = parts.sum(axis=0)
+        significance = self._significance * over_chance(clusters)
+        if self._array.channels > 2:
+            return significance
+        wide = np.add.reduceat(clusters, np.arange(0, len(clusters), round(WIDE_HZ / ALIKE_HZ)))
+        return min(significance, WIDE_SIGNIFICANCE * over_chance(wide))
 
     def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:
         """The peak of source k without the others, to which its direction is moved."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from av_audio.baselines import Baselines
@@ -27,8 +28,8 @@ NEAR = 0.34
 # fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing accuracy` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
-# The scatter is measured at the maximum, where noise is partly fitted, the more so the weaker the peak: the covariance is
-# enlarged accordingly.
+# The scatter is measured at the maximum, where noise is partly fitted, the more so the less the peak is over chance: the
+# covariance is enlarged accordingly.
 OPTIMISM = 2.0
 
 
@@ -137,19 +138,34 @@ class SteeredResponse:
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         steered = self._steer(weighted, q)
         _, hessian = self._derivatives(steered)
-        clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
+        parts = np.add.reduceat(steered, self._clusters, axis=1)
+        clusters = parts.sum(axis=0)
         height = float(clusters.real.sum())
-        significance = self._significance_of(clusters)
-        if significance <= 0.0 or not is_positive(hessian):
+        over_spread = over_chance(clusters)
+        if over_spread <= 0.0 or not is_positive(hessian):
             return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
-        covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
+        covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / over_spread) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
         trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
         log_likelihood = (curve - height) * len(hessian) / max(trace, TINY)  # the covariance gives its scale
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
-        return Peak(q, covariance, bias, significance, main_share, height)
+        return Peak(q, covariance, bias, self._significance_of(parts), main_share, height)
+
+    def _along_weakest_axis(self, parts: NDArray) -> NDArray:
+        """Clusters (c,) of the baselines that measure q along the axis along which they agree least, by how much they do.
+
+        Where one of three microphones hears something else, two of them tell one axis, and along the other is a peak by chance.
+
+        Parameters:
+            parts (u, c): clusters by baseline, as steered.
+        """
+        if len(self._axes) == 1:
+            return np.asarray(parts.sum(axis=0))
+        agreeing = (self._slowness.T * parts.real.sum(axis=1)) @ self._slowness
+        axis = eigh(agreeing, self._slowness.T @ self._slowness)[1][:, 0]  # relative to what the array measures
+        return np.asarray((self._slowness @ axis) ** 2 @ parts)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections; none unless overridden.
@@ -161,10 +177,13 @@ class SteeredResponse:
         """
         return np.zeros_like(inverse)
 
-    def _significance_of(self, clusters: NDArray) -> float:
-        """Height of a peak over the standard deviation that independent channels would give; `clusters` (c,) as steered."""
-        spread = math.sqrt(0.5 * float(np.sum(np.abs(clusters) ** 2)))
-        return float(clusters.real.sum()) / spread if spread > 0.0 else 0.0
+    def _significance_of(self, parts: NDArray) -> float:
+        """Significance of a peak of clusters by baseline (u, c), as steered: of all of them, and along each axis."""
+        return min(self._rarity(parts.sum(axis=0)), self._rarity(self._along_weakest_axis(parts)))
+
+    def _rarity(self, clusters: NDArray) -> float:
+        """Significance of clusters (c,), as steered."""
+        return over_chance(clusters)
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, log_likelihood: NDArray) -> float:
         """Posterior probability of the peak's lobe."""
@@ -176,6 +195,12 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = math.sqrt((2.0 * np.pi) ** rank * max(float(np.linalg.det(covariance)), 0.0))
         return main / (main + others) if main > 0.0 else 1.0
+
+
+def over_chance(clusters: NDArray) -> float:
+    """Height of a peak over the standard deviation that independent channels would give; `clusters` (c,) as steered."""
+    spread = math.sqrt(0.5 * float(np.sum(np.abs(clusters) ** 2)))
+    return float(clusters.real.sum()) / spread if spread > 0.0 else 0.0
 
 
 def _interpolation(delays: NDArray, reach: float, count: int) -> csr_array:

@@ -49,6 +49,19 @@ def test_a_source_on_the_axis_is_marked_as_end_fire():
     assert estimate.azimuth_variance[0] > 10.0 * beside.azimuth_variance[0]
 
 
+@pytest.mark.parametrize('array', [
+    MicrophoneArray([[0.1, 0.0, 0.0], [-0.05, 0.087, 0.0], [-0.05, -0.087, 0.0]]),
+    MicrophoneArray(0.05 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]))], ids=['triangle', 'tetrahedron'])
+def test_a_direction_along_which_nothing_agrees_has_no_confidence(array):
+    """One microphone hears noise alone: what is left tells a cone, or two mirror images."""
+    localizer, confident = Localizer(array, RATE, LocalizerSettings(hop_s=0.5)), 0
+    for seed in range(20):
+        sound = plane_wave(array, 18.0 * seed, 10.0, noise=0.3, seed=seed)
+        sound[:, 1] = 0.1 * np.random.default_rng(100 + seed).normal(size=len(sound))
+        confident += only(localizer.process(sound, localizer.next_sample)).confidence.max() >= 0.9
+    assert confident <= 1
+
+
 @pytest.mark.parametrize('cosine', [0.2, 0.98, 1.0, 1.02, 1.024, 1.03, 1.05, -1.04])
 def test_the_angle_is_the_posterior_mean_also_where_no_angle_has_the_cosine(cosine):
     """As by an array that is 3 % longer than its file says: the variance was 0, and fusion left such directions out."""
