@@ -15,7 +15,7 @@ from av_common.microphone_array import MicrophoneArray
 # Distance of the blocks of a window: so short that neither direction nor loudness change much within one, and much longer
 # than any delay.
 BLOCK_S = 0.03125
-# In windows of fewer blocks, below 80 ms, nothing moves far: 2 deg at HIGHEST_RATE to either side.
+# In windows of fewer blocks, below 80 ms, nothing moves far: 2 deg at 1 rad/s to either side.
 LEAST_BLOCKS = 3
 # Bins of a block that are summed, as their errors are correlated: twice the width of a block's spectral lines, 1 / (2 BLOCK_S).
 CLUSTER_HZ = 64.0
@@ -25,7 +25,7 @@ CLUSTER_HZ = 64.0
 PRIOR_RATE = 0.4
 PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
-HIGHEST_RATE = 3.0 * PRIOR_RATE  # that is searched
+HIGHEST_RATE = 2.6  # that is searched: 150 deg/s, as fast as a pilot turns a multirotor (MPC_MAN_Y_MAX of PX4)
 GRID_POINTS_PER_PERIOD = 8.0  # of the highest frequency; with 4 one more of 46 windows of noise passes
 
 

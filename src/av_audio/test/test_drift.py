@@ -16,15 +16,15 @@ PYRAMID = MicrophoneArray([[0.05, 0.0, 0.0], [-0.03, 0.04, 0.0], [-0.03, -0.04, 
 SETTINGS = LocalizerSettings(hop_s=1.0)
 
 
-def fading(array, azimuth_deg, elevation_deg, rate_deg, seconds=0.5, seed=0, noise=0.05):
-    """Noise (n, m) that loses 9/10 of its amplitude within the window, from a direction that turns about the vertical."""
+def fading(array, azimuth_deg, elevation_deg, rate_deg, seconds=0.5, seed=0, noise=0.05, decades=1.0):
+    """Noise (n, m) that loses decades of its amplitude within the window, from a direction that turns about the vertical."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(seconds * RATE)) / RATE - 0.5 * seconds
     azimuths = np.radians(azimuth_deg + rate_deg * times)
     towards = angles_to_direction(azimuths, np.full(len(times), np.radians(elevation_deg)))
     steady = flat(rng, seconds + 0.1, np.zeros(1))[:, 0]
     sound = heard(steady, times[:, None] + towards @ array.positions.T / speed_of_sound(20.0))
-    sound *= (10.0 ** (-times / seconds))[:, None] / sound.std()
+    sound *= (10.0 ** (-decades * times / seconds))[:, None] / sound.std()
     return 0.05 * (sound + noise * rng.normal(size=sound.shape))
 
 
@@ -40,6 +40,15 @@ def test_a_sound_that_fades_gives_the_direction_at_the_centre(rate, azimuth):
     found, sigma = azimuth_deg(PAIR, fading(PAIR, azimuth, 0.0, rate))
     assert found == pytest.approx(azimuth, abs=0.3)
     assert sigma < 0.5
+
+
+@pytest.mark.parametrize('rate', [-140.0, 110.0])
+def test_a_rig_that_a_pilot_turns_has_directions(rate):
+    """PX4 turns by up to 150 deg/s. Where 70 deg/s were searched, errors were 4 deg in the median."""
+    azimuths = np.arange(-40.0, 41.0, 8.0)
+    found = [azimuth_deg(PAIR, fading(PAIR, azimuth, 0.0, rate, seed=k, noise=0.3, decades=0.0))[0]
+             for k, azimuth in enumerate(azimuths)]
+    assert np.median(np.abs(found - azimuths)) < 1.0
 
 
 def test_other_weights_follow_motion_too():
