@@ -29,8 +29,10 @@ ALARM = math.log(1e6)
 VOTE = math.log(9.0)
 # What a window adds to the evidence, and what one without it takes. Facts need no vote.
 STEPS = {**dict.fromkeys(('dead', 'copy', 'offset'), (ALARM / 3.0, -ALARM)), 'clips': (ALARM, -0.5),
-         **dict.fromkeys(('quiet', 'inverted', 'late', 'apart', 'exchanged'), (VOTE, -VOTE))}
-SEVERE = ('dead', 'copy', 'inverted', 'late', 'apart', 'exchanged')    # directions are wrong by them, or there are none
+         **dict.fromkeys(('quiet', 'deaf', 'inverted', 'late', 'apart', 'exchanged'), (VOTE, -VOTE))}
+# Directions are wrong by them, or there are none.
+SEVERE = ('dead', 'copy', 'deaf', 'inverted', 'late', 'apart', 'exchanged')
+DIFFUSE_M = 0.69    # half a wavelength at 250 Hz, the end of the first octave: so close, sound from everywhere is coherent
 # Of exchanged channels: share of the array's radius by which positions and wavefronts are off, and radii of the nearest source.
 TOLERANCE = 0.05
 NEAREST = 1.5
@@ -81,6 +83,7 @@ class ChannelHealth:
                      for i, j in self._pairs]
         self._permitted = BODY_STRETCH * np.array(distances) / speed_of_sound(20.0) + 1.0 / sample_rate
         self._order = None if array is None else ChannelOrder(array, sample_rate)
+        self._hear_alike = 0.0 < max(distances, default=0.0) < DIFFUSE_M
         self._taper, self._frequencies = np.hanning(self._window), fft.rfftfreq(self._window, 1.0 / sample_rate)
         edges = np.searchsorted(self._frequencies, (OCTAVES_HZ, 2.0 * OCTAVES_HZ)).T
         self._octaves = [slice(begin, end) for begin, end in edges.tolist() if end - begin >= LEAST_BINS]
@@ -255,7 +258,7 @@ class ChannelHealth:
         return (math.nan, math.nan), side
 
     def _levels(self, ratios: list[tuple[float, float]], deaf: list[int]) -> tuple[Found, set[str]]:
-        """Channels that are quieter than a neighbour.
+        """Channels that are quieter than a neighbour, or have nothing in common with those that hear the same.
 
         Parameters:
             ratios (dB): least and largest level of the first neighbour against the second; NaN where not known.
@@ -268,7 +271,13 @@ class ChannelHealth:
             elif largest < -QUIET_DB or least > QUIET_DB:
                 quiet, by = (i, -largest) if largest < 0.0 else (j, least)
                 found['quiet', (quiet,)] = f'channel {quiet} is {by:.0f} dB quieter than channel {i + j - quiet}'
-        return found, {'quiet'} if any(math.isfinite(least) for least, _ in ratios) else set()
+        apart = [k for k, (least, _) in enumerate(ratios) if math.isnan(least)]  # pairs that have nothing in common
+        if len(apart) == len(ratios):
+            return found, set()
+        if self._hear_alike and not any(deaf):
+            found |= {('deaf', (k,)): f'channel {k} hears nothing of what others hear' for k in range(self._channels)
+                      if apart == sorted({k, (k - 1) % self._channels})}
+        return found, {'quiet', 'deaf'}
 
 
 class ChannelOrder:
@@ -353,7 +362,7 @@ def _clipped(samples: NDArray) -> float:
     spikes = sum(_spike(beyond, width) for beyond, width in ends)
     if spikes:
         step = float(np.diff(np.unique(samples)).min())    # of the converter, which is coarse in quiet sound
-        spikes = sum(_spike(beyond, max(width, step)) for beyond, width in ends)
+        spikes = sum(_spike(beyond, max(width, 0.5 * step)) for beyond, width in ends)
     return spikes / len(samples)
 
 

@@ -41,6 +41,8 @@ def late(sound, seconds):
     return np.roll(sound, round(seconds * RATE))
 
 
+TRIANGLE = MicrophoneArray(0.1 * np.array([[1.0, 0.0, 0.0], [-0.5, 0.87, 0.0], [-0.5, -0.87, 0.0]]))
+TETRAHEDRON = MicrophoneArray(0.05 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]))
 WHITE = np.random.default_rng(9).normal(size=round(SECONDS * RATE))
 FAULTS = {
     'dead': (lambda x: 0.0 * x, 'is dead'), 'unplugged': (lambda x: 3e-4 * WHITE, 'hears nothing'),
@@ -58,7 +60,17 @@ def test_a_fault_of_a_channel_is_named(array):
         assert told and all(words in text and of_which in text for text in told), (name, told)
 
 
-@pytest.mark.parametrize('steps', [2.0, 5.0, 30.0])
+@pytest.mark.parametrize('array', [TRIANGLE, SQUARE, TETRAHEDRON, RING], ids=['triangle', 'square', 'tetrahedron', 'ring'])
+def test_a_channel_that_hisses_as_loud_as_others_hear_is_named_and_left_out(array):
+    """Two of three microphones tell a cone; the place on it was that where noise agreed best, with confidence."""
+    sound = drone(array, azimuth=-0.5)
+    health = ChannelHealth(array.channels, RATE, array)
+    health.update(with_channel(sound, 1, sound.std() * WHITE))
+    assert [fault.text for fault in health.faults] == ['channel 1 hears nothing of what others hear']
+    assert health.usable == [k for k in range(array.channels) if k != 1]
+
+
+@pytest.mark.parametrize('steps', [0.3, 0.6, 2.0, 5.0, 30.0])
 def test_quiet_sound_of_few_steps_of_the_converter_does_not_clip(steps):
     """Standard deviation in such steps."""
     sound = drone(PAIR, snr_db=5.0)
