@@ -103,6 +103,20 @@ def test_sigma_covers_the_errors(contract, name, options, rate):
              at_least(f'{name}: within 1.96 sigma', float(np.mean(normalised < 1.96**2)), 0.9))
 
 
+@pytest.mark.parametrize('array', ['square', 'eight'])
+def test_a_near_target_that_brakes_and_turns_back_is_followed(contract, array):
+    """A drone swings by 2.5 m, 4 m before the rig, with up to 6 m/s^2: up to 56 deg/s, which change by 68 deg/s each second."""
+    def place(t):
+        found = np.array([4.0, 2.5 * math.sin(1.55 * t), 1.0 + math.sin(1.24 * t + 1.0)])
+        return found / np.linalg.norm(found)
+    rigs = [FormulaRig([Source(place)], array=array, sight=never, seed=seed).run(12.0) for seed in range(4)]
+    normalised = np.concatenate([rig.normalised(SETTLED, 0.2) for rig in rigs])
+    held = np.concatenate([rig.held('sound', SETTLED) for rig in rigs])
+    contract(at_most('error over that of the newest window', rms(pooled(rigs)) / rms(held), 1.0),
+             at_least('within 1.96 sigma', float(np.mean(normalised < 1.96**2)), 0.7),
+             at_least('followed', min(rig.followed(SETTLED) for rig in rigs), 1.0))
+
+
 @pytest.mark.parametrize('sensors', ['both', 'sound'])
 def test_a_rig_that_sways_points_as_well_as_a_level_one(contract, sensors):
     """25 deg of roll and pitch: the attitude of the capture counts, and the bearing in the world is that of the target."""
