@@ -10,7 +10,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from av_vision.cli import detect
 from av_vision.yolo import Detector, DetectorSettings, ModelError
-from av_vision.yolo.rows import RowReader
+from av_vision.yolo.layout import Layout
+from av_vision.yolo.rows import readings
 
 SIDE = 416
 NAMES = {'names': "{0: 'bird', 1: 'drone', 2: 'kite'}"}
@@ -390,12 +391,12 @@ def test_an_object_is_one_detection(tmp_path, shift):
 
 def test_an_order_that_is_contradicted_takes_no_other_with_it():
     """y before x was the best of three in a first image; a second one contradicts it, and has a box beside the picture."""
-    reader, size = RowReader(), (384, 640)
+    layout, size = Layout(readings(6), is_table=True), (384, 640)
     of_three = np.array([[258, 2, 638, 382, 0.9, 0], [2, 258, 382, 638, 0.9, 0], [256, 2, 382, 382, 0.9, 0]], np.float32)
-    reader.settle(np.array([[2, 2, 382, 382, 0.9, 0]], np.float32), size, size, lambda: of_three)
+    layout.settle(np.array([[2, 2, 382, 382, 0.9, 0]], np.float32), size, size, lambda: of_three)
     beside = np.array([[200, 100, 500, 130, 0.9, 0]], np.float32)
-    reader.settle(beside, size, (384.0, 100.0), lambda: of_three)
-    assert reader.decode(beside, size, 0.5)[0].tolist() == [[200.0, 100.0, 500.0, 130.0]]
+    layout.settle(beside, size, (384.0, 100.0), lambda: of_three)
+    assert layout.decode(beside, size, 0.5)[0].tolist() == [[200.0, 100.0, 500.0, 130.0]]
 
 
 def test_the_export_of_the_field(capsys):

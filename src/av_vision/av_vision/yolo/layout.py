@@ -1,13 +1,15 @@
 """The layouts of YOLO exports: recognition, and conversion to boxes.
 
 Sources: YOLOX (Ge et al. 2021, arXiv:2107.08430) and the documented outputs of the YOLOv5, v8 and v10 exports. All of them are
-rows, each of a box; what their columns are is a `Reading`. Tables of boxes, whose columns differ more, are read by `rows.py`.
+rows, each of a box; what their columns are is a `Reading`. One that a table of boxes contradicts is dropped. Where several are
+left and something is seen, the mirrored image tells: what is at x is then at width - x. Of those that are left after that the
+most usual counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -22,35 +24,96 @@ from av_vision.yolo.rows import (
     Form,
     LayoutError,
     Reading,
-    RowReader,
     check_scores,
+    readings,
     share_of_boxes,
+    telling,
 )
 
 MOST_ROWS = 2000    # of a table of boxes
 TABLE_COLUMNS = (6, 7)    # of tables with a class in each row, which may be empty or of zeros at first
+SAME, OTHER = 0.5, 0.3  # overlap of a box with its mirror image, and by how much less it is in a reading that is wrong
+MOST_MIRRORED = 20      # images
 MOST_STRIDES = 4.0  # from the middles of decoded boxes to their cells, in the median
 CELL_ORDERS = (CENTRE, CORNERS, 'cy cx h w', 'y1 x1 y2 x2')    # the most usual first
 STRIDES = (8, 16, 32, 64)    # pixels, of the larger variants; of the others without the last
 
 
-@dataclass(frozen=True)
+@dataclass
 class Layout:
-    """Format of the input and of the output of an export.
+    """Format of the input of an export, and what the rows of its output are: of tables of boxes each output may tell more.
 
     Parameters:
-        reader: tells boxes and probabilities by rows.
+        readings: of its rows that fit all outputs so far, the most usual first.
         classes: number of classes; 0 if it is unknown.
         rgb: whether the input is RGB from 0 to 1 instead of BGR from 0 to 255.
         turned: whether rows of boxes are columns of the output.
         in_cells: whether boxes are offsets and logarithms of sizes in cells, as YOLOX is trained.
+        is_table: whether its rows are of no cells, so that values alone tell how they are read.
     """
 
-    reader: Reading | RowReader
-    classes: int
+    readings: list[Reading]
+    classes: int = 0
     rgb: bool = True
     turned: bool = False
     in_cells: bool = False
+    is_table: bool = False
+    _to_mirror: int = MOST_MIRRORED
+    _overlaps: dict[Reading, float] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> str:
+        """What the columns of a table are taken for; empty for layouts of cells."""
+        return f'{self.readings[0]}{", assumed, as other orders fit" if self._several else ""}' if self.is_table else ''
+
+    @property
+    def _several(self) -> bool:
+        return len({reading.form for reading in self.readings}) > 1
+
+    def learn(self, rows: NDArray, size: tuple[int, int]) -> None:
+        """Drop the readings that a table contradicts. Raises LayoutError, with what was seen, where none is left.
+
+        Parameters:
+            rows (n, k): output for one image.
+            size: height and width of the input in pixels.
+        """
+        seen = np.unique(telling(rows), axis=0)
+        left = [reading for reading in self.readings if reading.fits(seen, size)] if len(seen) else self.readings
+        if not left:
+            ranges = zip(seen.min(axis=0), seen.max(axis=0), strict=True)
+            text = ', '.join(f'{low:.3g} to {high:.3g}' for low, high in list(ranges)[:8])
+            raise LayoutError(f'the columns of the output (1, {rows.shape[0]}, {rows.shape[1]}) go from {text}: expected '
+                              'x1, y1, x2, y2 in pixels of the input, score (0 to 1) and class, or cx, cy, w, h in shares of '
+                              'it and a score (0 to 1, no logits) for each class')
+        # A score that is 0 in each row says nothing, and is rather another column.
+        self.readings = sorted(left, key=lambda reading: len(seen) > 0 and not reading.scores(seen).any())
+
+    def settle(self, rows: NDArray, size: tuple[int, int], shown: tuple[float, float], mirrored: Callable[[], NDArray]) -> None:
+        """Learn from a table, and from that of the mirrored image where something is seen and several readings are left.
+
+        Parameters:
+            rows (n, k): output for one image.
+            size: height and width of the input in pixels.
+            shown: height and width of the image in the input; no object is beyond it.
+            mirrored: function that gives the output (n, k) for the same image with left and right exchanged.
+        """
+        if self.is_table:
+            self.learn(rows, size)
+            if self._several and self._to_mirror and any(len(reading.likely(rows)) for reading in self.readings):
+                self._compare(telling(rows), telling(mirrored()), size, shown)
+
+    def _compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
+        """Drop the readings in which less than in others is where it must be, over all images so far."""
+        self._to_mirror -= 1
+        for reading in self.readings:
+            # A network of constants is not told apart by what it answers to the mirrored image.
+            overlap = 0.0 if np.array_equal(rows, mirrored) else reading.mirrored(rows, mirrored, size)
+            boxes = reading.boxes(reading.likely(rows), size)
+            beyond = np.any(0.5 * (boxes[:, :2] + boxes[:, 2:]) > [shown[1], shown[0]], axis=1)
+            self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond.mean() if len(boxes) else 0.0)
+        best = max(self._overlaps[reading] for reading in self.readings)    # of those that no table has contradicted
+        if best >= SAME or best == 0.0:
+            self.readings = [reading for reading in self.readings if self._overlaps[reading] >= best - OTHER]
 
     def decode(self, output: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
         """Boxes in pixels of the input, and probabilities of the classes. Raises LayoutError for scores that are none.
@@ -65,7 +128,7 @@ class Layout:
             cells, strides = grid(size, STRIDES[:3])
             with np.errstate(over='ignore'):    # infinite boxes are left out
                 rows = np.concatenate([(rows[:, :2] + cells) * strides, np.exp(rows[:, 2:4]) * strides, rows[:, 4:]], axis=1)
-        return self.reader.decode(rows, size, threshold)
+        return self.readings[0].decode(rows, size, threshold)
 
 
 @lru_cache(maxsize=16)
@@ -129,11 +192,12 @@ def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layou
             raise LayoutError('undecoded YOLOX with a stride of 64 is not known')
         in_cells = is_yolox and not decoded
         reading = Reading(Form() if in_cells else form, objectness=objectness)
-        return Layout(reading, columns - 4 - objectness, not is_yolox, turned, in_cells)
+        return Layout([reading], columns - 4 - objectness, not is_yolox, turned, in_cells)
     if b >= 5 and a <= MOST_ROWS and (b in TABLE_COLUMNS or output.any()):
-        reader = RowReader(classes)
-        reader.learn(rows, size)
-        return Layout(reader, 0 if reader.labelled else b - 4)
+        layout = Layout(readings(b, classes), is_table=True)
+        layout.learn(rows, size)
+        layout.classes = 0 if layout.readings[0].label >= 0 else b - 4    # a column of classes does not tell how many there are
+        return layout
     raise LayoutError(
         f'the output (1, {a}, {b}) at input {size[0]}x{size[1]} is of no known YOLO export: YOLOX has (1, {counts[0]}, 5+C), '
         f'v8/9/11/12 (1, 4+C, {counts[0]}), v5/v7 (1, {counts[2]}, 5+C), end-to-end (1, N, 6), RT-DETR (1, N, 4+C)')

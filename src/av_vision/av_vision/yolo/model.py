@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from av_common.files import check_file, nearest, one_line, shown
 from av_vision.yolo.layout import joined, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY, to_tensor
-from av_vision.yolo.rows import Decoded, LayoutError, RowReader
+from av_vision.yolo.rows import Decoded, LayoutError
 
 MOST_BYTES = 500_000_000    # of a file; that of the largest YOLO, v8x with 68 million weights, has 273 MB
 MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
@@ -104,8 +104,7 @@ class Model:
     @property
     def columns(self) -> str:
         """What the columns of a table of boxes are taken for; empty for layouts of cells."""
-        reader = self.layout.reader
-        return reader.columns if isinstance(reader, RowReader) else ''
+        return self.layout.columns
 
     @property
     def provider(self) -> str:
@@ -135,10 +134,9 @@ class Model:
             threshold (0-1): least probability of a box.
         """
         tensor = to_tensor(image, self.layout.rgb, self.dtype)
-        output, size, reader = self.run(tensor)[0], (image.shape[0], image.shape[1]), self.layout.reader
+        output, size = self.run(tensor)[0], (image.shape[0], image.shape[1])
         try:
-            if isinstance(reader, RowReader):
-                reader.settle(output, size, shown, lambda: self.run(np.ascontiguousarray(tensor[..., ::-1]))[0])
+            self.layout.settle(output, size, shown, lambda: self.run(np.ascontiguousarray(tensor[..., ::-1]))[0])
             boxes, probabilities = self.layout.decode(output, size, threshold)
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error

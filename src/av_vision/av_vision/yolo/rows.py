@@ -1,14 +1,12 @@
-"""Tables of boxes, one in each row: which column is what is found by the values, and by the image mirrored.
+"""Tables of boxes, one in each row: what the columns may be, and whether the values can be read so.
 
 Exports without cells agree in little: YOLOv10 and 26 give corners in pixels, score and class, RT-DETR (Zhao et al. 2023,
 arXiv:2304.08069) centre and size in shares of the input and a score for each class, those of TensorFlow y before x, others an
-order of their own. A reading that an output contradicts is dropped. Where several are left and something is seen, the mirrored
-image tells: what is at x is then at width - x. Of those that are left after that the most usual counts.
+order of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -21,8 +19,6 @@ TOLERANCE = 2e-3        # of a score beyond 0 and 1, and of a box in shares of t
 OUTSIDE = 0.25          # share of the input by which boxes may reach beyond it
 GARBAGE = 0.1           # share of the rows whose boxes may be none: a regression without bounds
 LIKELY = 0.25           # score of what is looked for in the mirrored image
-SAME, OTHER = 0.5, 0.3  # overlap of a box with its mirror image, and by how much less it is in a reading that is wrong
-MOST_MIRRORED = 20      # images
 
 
 class LayoutError(ValueError):
@@ -195,86 +191,3 @@ def readings(columns: int, classes: int = 0) -> list[Reading]:
         # DETR's centres in shares have a score for each class, other tables of centres rather a column of the class.
         found += [*by_class[:1], *labelled, *by_class[1:]] if order == CENTRE else [*labelled, *by_class]
     return found
-
-
-class RowReader:
-    """Decodes tables of boxes, and learns from each what its columns are.
-
-    Parameters:
-        classes: number of classes where the model names them, else 0.
-    """
-
-    def __init__(self, classes: int = 0) -> None:
-        self._left: list[Reading] | None = None
-        self._classes = classes
-        self._to_mirror = MOST_MIRRORED
-        self._overlaps: dict[Reading, float] = {}
-
-    @property
-    def labelled(self) -> bool:
-        """Whether a column is taken for the number of the class, which does not tell how many there are."""
-        return self._left is not None and self._left[0].label >= 0
-
-    @property
-    def columns(self) -> str:
-        """What the columns are taken for."""
-        left = self._left or []
-        several = len({reading.form for reading in left}) > 1
-        return f'{left[0]}{", assumed, as other orders fit" if several else ""}' if left else ''
-
-    def learn(self, rows: NDArray, size: tuple[int, int]) -> None:
-        """Drop the readings that a table contradicts. Raises LayoutError, with what was seen, where none is left.
-
-        Parameters:
-            rows (n, k): output for one image.
-            size: height and width of the input in pixels.
-        """
-        if self._left is None:
-            self._left = readings(rows.shape[1], self._classes)
-        seen = np.unique(telling(rows), axis=0)
-        left = [reading for reading in self._left if reading.fits(seen, size)] if len(seen) else self._left
-        if not left:
-            ranges = zip(seen.min(axis=0), seen.max(axis=0), strict=True)
-            text = ', '.join(f'{low:.3g} to {high:.3g}' for low, high in list(ranges)[:8])
-            raise LayoutError(f'the columns of the output (1, {rows.shape[0]}, {rows.shape[1]}) go from {text}: expected '
-                              'x1, y1, x2, y2 in pixels of the input, score (0 to 1) and class, or cx, cy, w, h in shares of '
-                              'it and a score (0 to 1, no logits) for each class'
-                              f'{f" of {self._classes}" if self._classes else ""}')
-        # A score that is 0 in each row says nothing, and is rather another column.
-        self._left = sorted(left, key=lambda reading: len(seen) > 0 and not reading.scores(seen).any())
-
-    def settle(self, rows: NDArray, size: tuple[int, int], shown: tuple[float, float], mirrored: Callable[[], NDArray]) -> None:
-        """Learn from a table, and from that of the mirrored image where something is seen and several readings are left.
-
-        Parameters:
-            rows (n, k): output for one image.
-            size: height and width of the input in pixels.
-            shown: height and width of the image in the input; no object is beyond it.
-            mirrored: function that gives the output (n, k) for the same image with left and right exchanged.
-        """
-        self.learn(rows, size)
-        left = self._left or []
-        several = len({reading.form for reading in left}) > 1
-        if several and self._to_mirror and any(len(reading.likely(rows)) for reading in left):
-            self._compare(rows, mirrored(), size, shown)
-
-    def _compare(self, rows: NDArray, mirrored: NDArray, size: tuple[int, int], shown: tuple[float, float]) -> None:
-        """Drop the readings in which less than in others is where it must be, over all images so far."""
-        self._to_mirror -= 1
-        rows, mirrored = telling(rows), telling(mirrored)
-        for reading in self._left or []:
-            # A network of constants is not told apart by what it answers to the mirrored image.
-            overlap = 0.0 if np.array_equal(rows, mirrored) else reading.mirrored(rows, mirrored, size)
-            boxes = reading.boxes(reading.likely(rows), size)
-            beyond = np.any(0.5 * (boxes[:, :2] + boxes[:, 2:]) > [shown[1], shown[0]], axis=1)
-            self._overlaps[reading] = self._overlaps.get(reading, 0.0) + overlap - float(beyond.mean() if len(boxes) else 0.0)
-        best = max(self._overlaps[reading] for reading in self._left or [])    # of those that no table has contradicted
-        left = [reading for reading in self._left or [] if self._overlaps[reading] >= best - OTHER]
-        if best >= SAME or best == 0.0:
-            self._left = left
-            self._overlaps = {reading: self._overlaps[reading] for reading in left}
-
-    def decode(self, rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-        """As `Reading.decode`, by the most usual reading that is left."""
-        assert self._left, 'settle comes first'
-        return self._left[0].decode(rows, size, threshold)
