@@ -22,21 +22,22 @@ from av_vision.tracking import BOX, ImageTrack, Tracker
 from av_vision.yolo import Detector, DetectorSettings
 
 NEAR, ALIKE = 1.5, math.log(3.0)  # sides, and logarithm of the ratio of sizes, within which boxes of other things are counted
-Row = tuple[float, float, float, float, float]
+Row = tuple[float, float, float, float, float, bool]
 
 
 def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row]:
     """What is fitted, of each box that continues a track.
 
     Gap (s), error of the predicted place (sides), logarithm of the ratio of sizes, difference of the drone's log-odds from the
-    track's mean, number of other boxes near it.
+    track's mean, number of other boxes near it, whether it was seen once.
     """
     clip, followed = '', None
     for result in results:
         if result.clip != clip:
             clip, tracker, followed = result.clip, Tracker(model), None
         seen, labels = result.seen, result.labels
-        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.scores.mean[0])
+        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.scores.mean[0],
+                           one.boxes < 2)
                   for one in tracker.tracks}
         tracks = tracker.update(seen, result.time)
         overlap = overlaps_of(seen.boxes.astype(float), labels[:, 1:].astype(float)).max(axis=1, initial=0.0) \
@@ -46,25 +47,24 @@ def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row
             continue
         k = int(overlap.argmax())
         if followed is not None and id(followed) in before:
-            place, side, gap, mean = before[id(followed)]
+            place, side, gap, mean, unseen = before[id(followed)]
             apart = np.linalg.norm(seen.centres - place, axis=1) / side
             size = np.log(seen.sizes.max(axis=1) / side)
             others = (apart < NEAR) & (np.abs(size) < ALIKE) & (overlap < 0.3)
             score = float(logit(seen.probabilities[k, 0]) - mean)
-            yield gap, float(apart[k]), float(size[k]), score, int(others.sum())
+            yield gap, float(apart[k]), float(size[k]), score, int(others.sum()), unseen
         followed: ImageTrack | None = tracks[k]
 
 
-def scales(gap: NDArray, apart: NDArray, size: NDArray) -> tuple[float, float]:
-    """DRIFT and RESIZED under which errors of place (n,; sides) and size (n,) after gaps (n,; s) are most likely."""
+def scales(gap: NDArray, apart: NDArray, size: NDArray, unseen: NDArray) -> NDArray[np.float64]:
+    """DRIFT, UNSEEN and RESIZED under which errors of place (n,; sides) and size (n,) after gaps (n,; s) are most likely."""
     def unlikelihood(p: NDArray) -> float:
-        drift, resized = np.exp(p)
-        errors = BOX + drift * gap
+        drift, first, resized = np.exp(p)
+        errors = BOX + np.where(unseen, first, drift) * gap
         off = (apart / errors) ** 2 + (size / resized) ** 2
         return float((2.5 * np.log1p(0.5 * off) + 2.0 * np.log(errors) + math.log(resized)).sum())
 
-    drift, resized = np.exp(minimize(unlikelihood, [-2.0, -3.0], method='Nelder-Mead').x)
-    return float(drift), float(resized)
+    return np.exp(minimize(unlikelihood, [-2.0, 0.0, -3.0], method='Nelder-Mead').x)
 
 
 def main() -> None:
@@ -77,9 +77,9 @@ def main() -> None:
     detector = Detector(args.model, DetectorSettings(score_threshold=0.02, keep=('drone',), threads=1))
     results = [one for split in SPLITS for one in detect_all(detector, args.data, split, 2, args.every)]
     rows = np.array(list(rows_of(results, ScoreFusionModel.from_metadata(detector.model.metadata))))
-    gap, apart, size, score, others = rows.T
+    gap, apart, size, score, others, unseen = rows.T
     print(f'{len(rows)} boxes that continue a track')
-    print('DRIFT, RESIZED: {:.2f}, {:.3f}'.format(*scales(gap, apart, size)))
+    print('DRIFT, UNSEEN, RESIZED: {:.2f}, {:.2f}, {:.3f}'.format(*scales(gap, apart, size, unseen > 0)))
     print(f'SPREAD: {score.std():.1f}; OTHERS: {others.mean() / (math.pi * NEAR**2 * 2.0 * ALIKE):.1e}')
 
 

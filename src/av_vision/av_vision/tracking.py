@@ -30,7 +30,8 @@ SMOOTHING = 0.4  # weight of the newest velocity
 # some many times larger, as objects turn, are seen for the first time, and cameras shake.
 STUDENT = math.lgamma(2.5) - 1.5 * math.log(2.0 * math.pi)
 # Fitted by training/detector/continued.py to boxes that continue labelled drones, birds and aircraft.
-BOX, DRIFT = 0.02, 0.11          # sides, and sides/s: scale of the errors of places
+BOX = 0.02                       # sides, scale of the errors of places at any pace: those clips' camera stands still
+DRIFT, UNSEEN = 0.11, 0.7        # sides/s, with which it grows; of an object that was seen once
 RESIZED = 0.027                  # of the logarithm of the size
 SPREAD = 2.1                     # log-odds, of the scores of one object about their mean
 OTHERS = 7.6e-4                  # boxes of other things per square side and e-fold of size, for each of the object
@@ -48,7 +49,7 @@ def log_odds(tracks: Sequence[ImageTrack], candidates: Candidates, time: float, 
     """
     expected = np.array([track.predicted(time) for track in tracks])
     sides = np.maximum([track.size.max() for track in tracks], LEAST_SIDE)
-    errors = BOX + DRIFT * np.array([time - track.time for track in tracks])
+    errors = BOX + np.array([(DRIFT if track.boxes > 1 else UNSEEN) * (time - track.time) for track in tracks])
     apart = np.linalg.norm(expected[:, None] - candidates.centres[None], axis=2) / sides[:, None]
     before, now = (np.maximum(size, 1.0) for size in ([track.size.max() for track in tracks], candidates.sizes.max(axis=1)))
     off = (apart / errors[:, None]) ** 2 + (np.log(now[None] / before[:, None]) / RESIZED) ** 2
@@ -88,6 +89,7 @@ class ImageTrack:
         scores: posterior of the classes.
         looked (s): capture time of the last image that was searched for it.
         path: where it was, for what its motion says.
+        boxes: number of images in which it was found.
         continued (0-1): probability that the last box is its object.
         id: 0 until `Tracker.number` assigns one.
     """
@@ -99,6 +101,7 @@ class ImageTrack:
     scores: ScoreFusion
     looked: float = -np.inf
     path: Path = field(default_factory=Path)
+    boxes: int = 0
     continued: float = 1.0
     id: int = 0
 
@@ -166,6 +169,7 @@ class Tracker:
                 track.velocity += SMOOTHING * ((centre - track.centre) / (time - track.time) - track.velocity)
             if track is not None:
                 track.centre, track.size, track.time = centre.astype(float), size.astype(float), time
+                track.boxes += 1
                 track.scores.add(candidates.probabilities[k], time)
         return found
 
