@@ -66,9 +66,9 @@ def test_a_folder_of_images_in_order_of_names(tmp_path):
 @pytest.mark.parametrize('suffix', sorted(IMAGE_SUFFIXES))
 def test_whatever_opencv_writes_is_read_in_its_own_depth(tmp_path, suffix, depth):
     path, image = tmp_path / f'image{suffix}', np.full((30, 44), 200, depth)
-    if suffix not in ('.pgm', '.png', '.tif', '.tiff') and depth is np.uint16:
+    if suffix not in ('.pgm', '.png', '.pnm', '.ppm', '.tif', '.tiff') and depth is np.uint16:
         pytest.skip('a format of 8 bits')
-    cv2.imwrite(str(path), image)
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if suffix == '.ppm' else image)
     read, = [frame.image for frame in Recording(path).frames()]
     assert read.shape[:2] == (30, 44) and read.dtype == depth
     path.write_bytes(path.read_bytes()[:20])

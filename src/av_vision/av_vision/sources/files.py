@@ -23,7 +23,7 @@ FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states
 ASK_AGAIN_S = 0.02     # whether the playback may begin
 PROBED = 30            # frames whose times give the rate of a video
 LEAST_INTERVAL_S = 1e-3    # between frames: a container's time that does not rise by so much is none
-IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
+IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.pnm', '.ppm', '.tif', '.tiff', '.webp'})
 MOST_BYTES = 1000 * MEGABYTE
 # FFmpeg's tag of grey pixels of 16 bits, of which OpenCV keeps 8 unless told, as it does of other depths, and of other order.
 _COUNTS = b'Y1\0\x10'
