@@ -128,6 +128,8 @@ def test_boxes_classes_and_scores_may_be_outputs_of_their_own(tmp_path, export):
     found = Detector(path).detect(IMAGE)
     assert found.class_names == ('drone', 'bird') and found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
     assert found.boxes == pytest.approx(np.array([row[:4] for row in SEEN]), abs=0.01)
+    write_apart(path, {'num': [[0]], 'boxes': boxes[:, :0], 'scores': scores[:, :0], 'labels': labels[:, :0]})
+    assert len(Detector(path).detect(IMAGE)) == 0
 
 
 def write_finder(path, order, places, shares, side=SIDE):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count, islice
@@ -34,32 +34,33 @@ WHOLE = 0.9    # share of its stated length from which on a video counts as whol
 CONVERT = 'convert it first, such as by ffmpeg'
 
 
-def read_image(path: Path, page: int = 0) -> NDArray:
+def read_image(path: Path, page: int | None = None) -> NDArray:
     """The image (h, w[, channels]) in a file, BGR or grey, of 8 or 16 bits, other depths as float32.
 
     Parameters:
         path: the file.
-        page: which of its images, where it holds several.
+        page: which of its images, from 0, where it holds several.
 
     Raises SourceError in one line with the path.
     """
     try:
-        data = check_file(path, MOST_BYTES).read_bytes() if page == 0 else b''
-        image = (decode_image(data, AS_STORED, any_format=True) if page == 0 else
+        data = check_file(path, MOST_BYTES).read_bytes() if page is None else b''
+        image = (decode_image(data, AS_STORED, any_format=True) if page is None else
                  cv2.imreadmulti(name_for_opencv(path), page, 1, flags=AS_STORED)[1][0])
     except OSError as error:
         raise SourceError(str(error)) from error
     except (ValueError, IndexError, cv2.error) as error:
-        what = f'{len(data)} bytes' if page == 0 else f'image {page + 1} in it'
+        what = f'{len(data)} bytes' if page is None else f'image {page} in it'
         raise SourceError(f'{path} ({what}) cannot be read as an image: {one_line(error)}') from error
     return image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
 
 
-def pages_of(path: Path) -> int:
-    """Number of images in a file: cameras and programs for thermal images write stacks of them as TIFF."""
-    with suppress(SourceError, cv2.error):
-        return max(cv2.imcount(name_for_opencv(path)), 1) if path.suffix.lower() in ('.tif', '.tiff') else 1
-    return 1
+def pages_of(path: Path) -> Sequence[int | None]:
+    """Which images a file holds, None for the only one: programs for thermal cameras write stacks of them as TIFF."""
+    with suppress(SourceError, OSError, cv2.error):
+        if path.suffix.lower() in ('.tif', '.tiff') and (images := cv2.imcount(name_for_opencv(check_file(path)))) > 1:
+            return range(images)
+    return [None]
 
 
 def name_for_opencv(path: Path) -> str:
@@ -117,7 +118,7 @@ class Recording:
         self._even = rate
         is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
         files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
-        self._files = [(file, page) for file in files for page in range(pages_of(file))]
+        self._files = [(file, page) for file in files for page in pages_of(file)]
         if self._files:
             self.rate, self.count = rate or FOLDER_RATE, len(self._files)
             return

@@ -155,7 +155,7 @@ def joined(outputs: Sequence[NDArray]) -> tuple[NDArray[np.float32], int]:
     Exports with suppression of their own give one table (n, columns) for one image.
     """
     boxes = next((one for one in outputs if one.ndim == 3 and one.shape[2] == 4), np.empty(()))
-    others = [one.reshape(*boxes.shape[:2], -1) for one in outputs if one is not boxes and 2 <= one.ndim <= 3
+    others = [one if one.ndim == 3 else one[..., np.newaxis] for one in outputs if one is not boxes and 2 <= one.ndim <= 3
               and one.shape[:2] == boxes.shape[:2]]
     if others:
         return np.concatenate([boxes, *others], axis=2, dtype=np.float32), others[0].shape[2] if len(others) == 1 else 0
