@@ -118,6 +118,9 @@ def test_a_misspelt_scenario_ends_the_launch_and_is_named_with_the_nearest(launc
     (True, 'rig:=3', 'rig:= is no argument of network.launch.py, the nearest is rigs:='),
     (True, 'rigs:=2.5', "rigs is '2.5', expected a whole number from 1 to 8"),
     (False, f'audio:={__file__}', 'needs source:=file, and source is sim'),
+    (False, 'namespace:=rig-1', "namespace is 'rig-1', expected a name of ROS"),
+    (False, 'namespace:=1rig', "namespace is '1rig', expected a name of ROS"),
+    (True, 'namespace:=a b', "namespace is 'a b', expected a name of ROS"),
     (False, 'out:=~nobody_of_this_name/x', "out is '~nobody_of_this_name/x': Could not determine home directory")])
 def test_an_argument_without_effect_stops_the_launch(refused, network, argument, words):
     assert words in refused(argument, network=network)
@@ -136,6 +139,25 @@ def test_recordings_and_arrays_that_cannot_be_used_are_refused_before_anything_s
             'video:={}/text.mp4': 'text.mp4 (8 bytes) cannot be opened as a video', 'video:={}/empty': 'empty holds no images',
             'array:={}/one.yaml': 'one.yaml: microphones: expected at least two positions'}.items():
         assert words in refused('source:=file', *arguments.format(tmp_path).split()), arguments
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ('bind_address:=0.0.0.0', 'bind_address is 0.0.0.0, which other machines reach, but allowed_senders is 127.0.0.0/8'),
+    ('allowed_senders:=192.168.1.20', 'allowed_senders is 192.168.1.20, but bind_address 127.0.0.1 receives from this'),
+    ('allowed_senders:=simulator bind_address:=0.0.0.0', "allowed_senders has 'simulator', expected an IPv4 address"),
+    ('allowed_senders:=192.168.1.20:99999 bind_address:=0.0.0.0', "'99999' is no port"),
+    ('bind_address:=localhost', "bind_address is 'localhost', expected an IPv4 address")])
+def test_addresses_of_a_simulator_that_cannot_be_are_refused(refused, arguments, words):
+    """The node tried again and again, without a word on the screen."""
+    assert words in refused('source:=udp', 'oracle:=true', *arguments.split())
+
+
+def test_addresses_in_a_parameter_file_count(launch_file, tmp_path):
+    file = tmp_path / 'params.yaml'
+    file.write_text('/**/bridge_node: {ros__parameters: {allowed_senders: [192.168.1.20]}}')
+    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()}
+    assert launch_file.start({**values, 'source': 'udp', 'oracle': 'true', 'bind_address': '0.0.0.0', 'params': str(file),
+                              RUN_FOLDER: str(tmp_path)})
 
 
 @pytest.mark.parametrize(('given', 'words'), [

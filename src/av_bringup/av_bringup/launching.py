@@ -36,6 +36,7 @@ from launch_ros.actions import Node
 
 from av_bringup import guard
 from av_bringup.security.keystore import check_enclave
+from av_bringup.security.policy import PATH
 from av_bringup.supervision import RESPAWN
 from av_common.files import nearest
 from av_common.launched import RUN_FOLDER
@@ -137,10 +138,14 @@ class LaunchedNode(Node):
         executable: name of the program.
         name: the node's name; empty for the program's.
         options: further arguments of launch_ros.actions.Node.
+
+    Raises ValueError for a namespace that is no name.
     """
 
     def __init__(self, arguments: Arguments, executable: str, name: str = '', **options: Any) -> None:
         self.full_name = '/'.join(['', *filter(None, arguments['namespace'].split('/')), name or executable])
+        if not PATH.fullmatch(self.full_name):
+            raise ValueError(f"namespace is {arguments['namespace']!r}, expected a name of ROS such as /rig1")
         super().__init__(executable=executable, name=name or executable, namespace=arguments['namespace'],
                          additional_env=security(arguments, self.full_name), **options)
 
