@@ -12,8 +12,7 @@ from judged_rig import FormulaRig
 from scipy.spatial.transform import Rotation
 from vehicle import Vehicle
 
-from av_evaluation.faults.faulty_rig import Faults
-from av_evaluation.faults.matrix import named, title
+from av_evaluation.faults import Faults, named, title
 from av_interfaces.msg import Bearing, PointingCommand
 
 TOLD_S = 25.0

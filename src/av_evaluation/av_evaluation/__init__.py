@@ -7,7 +7,6 @@ __all__, __getattr__ = exports(__name__, {
     'experiments.offline_run': 'OfflineRun',
     'metrics.run_log': 'RunLog Series',
     'replay.replay': 'Replay ReplaySettings',
-    'runs.cases': 'Case',
+    'runs.cases': 'Case run_case',
     'runs.evaluation': 'evaluate_run',
-    'runs.runs': 'run_case',
 })

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from av_common.stamps import to_seconds, to_stamp
-from av_evaluation.faults.faulty_rig import Faults
+from av_evaluation.faults import Faults
 
 
 @dataclass

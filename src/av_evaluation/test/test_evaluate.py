@@ -17,9 +17,8 @@ from av_evaluation.cli import report
 from av_evaluation.cli.evaluate import main
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
 from av_evaluation.report.page import Page
-from av_evaluation.runs import program, runs
-from av_evaluation.runs.cases import Case, find_inputs, is_bag
-from av_evaluation.runs.runs import run_case
+from av_evaluation.runs import cases, program
+from av_evaluation.runs.cases import Case, find_inputs, is_bag, run_case
 
 FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_resolve_s',
            'latency_ms', 'within'}
@@ -165,12 +164,12 @@ def test_scenarios_are_heard_as_the_node_hears():
 
 
 def test_a_thermal_rig_looks_with_the_thermal_detector(monkeypatch):
-    make, made = runs.detection_stage, []
+    make, made = cases.detection_stage, []
 
     def stop(*arguments):
         made.append(make(*arguments))
         raise ValueError('no need to simulate')
-    monkeypatch.setattr(runs, 'detection_stage', stop)
+    monkeypatch.setattr(cases, 'detection_stage', stop)
     for scenario in ('night_thermal', 'night'):
         with pytest.raises(ValueError, match='no need'):
             run_case(Case(scenario, model='shipped'))

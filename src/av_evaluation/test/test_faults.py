@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from av_evaluation.faults.faulty_rig import Faults
-from av_evaluation.faults.matrix import faultless, named, title, try_fault
+from av_evaluation.faults import Faults, faultless, named, title, try_fault
 
 
 @pytest.mark.parametrize('faults', [

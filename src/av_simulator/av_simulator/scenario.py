@@ -13,15 +13,14 @@ from av_common.acoustics import speed_of_sound
 from av_common.config_reader import ConfigError, bounded, load
 from av_common.files import shown
 from av_simulator.config_files import find_config
-from av_simulator.motion.bodies import Body, Level, Vibration
-from av_simulator.motion.pursuit import Pursuit
+from av_simulator.motion.bodies import Body, Level, Pursuit, Vibration
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland
 from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
-from av_simulator.sound.frames import FASTEST
 from av_simulator.sound.ground import Ground
 from av_simulator.sound.noise import Noise
 from av_simulator.sound.obstacles import OBSTACLES, Obstacle
+from av_simulator.sound.propagation import FASTEST
 from av_simulator.sound.reverberation import ReverbZone
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source_signals import RecordedSignal, ToneSignal

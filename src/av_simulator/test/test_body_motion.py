@@ -8,9 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import to_imu
-from av_simulator.motion.bodies import Kinematics, Mast, Quadrotor, Vibration
-from av_simulator.motion.gusts import Gusts, length_scales, vertical_share
-from av_simulator.motion.pursuit import Pursuit
+from av_simulator.motion.bodies import Gusts, Kinematics, Mast, Pursuit, Quadrotor, Vibration, length_scales, vertical_share
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.run import open_world
 from av_simulator.scenario import RigMotion

@@ -22,7 +22,7 @@ from av_common.config_reader import load
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import Rig
 from av_common.stamps import to_stamp
-from av_evaluation.faults.faulty_rig import Faults
+from av_evaluation.faults import Faults
 from av_view.doctor.cameras import draw_marker, find_marker
 from av_view.doctor.live import LiveCheck
 from av_vision.messages import image_message

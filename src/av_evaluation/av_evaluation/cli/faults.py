@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from av_common.arguments import not_negative, whole
-from av_evaluation.faults.faulty_rig import Faults
-from av_evaluation.faults.matrix import Told, cases, faultless, named, scenarios, title, try_fault
+from av_evaluation.faults import Faults, Told, cases, faultless, named, scenarios, title, try_fault
 from av_evaluation.runs.program import Progress
 
 SECONDS = 40.0  # of each run

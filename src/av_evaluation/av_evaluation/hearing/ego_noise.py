@@ -17,7 +17,7 @@ from av_evaluation.hearing.peers import PEERS, Srp, azimuths
 from av_evaluation.hearing.reach import ARRAYS
 from av_evaluation.hearing.signals import RATE, Source, scaled
 from av_evaluation.hearing.trials import C, Figure, Locate, Trials, Window, compare, ours, share
-from av_simulator.sound.ego_rotors import EgoRotors
+from av_simulator.sound.noise import EgoRotors
 from av_simulator.sound.rotor import RotorSignal
 
 RECORDING_S, LATER_S = 10.0, 30.0  # known of the rig, and heard afterwards

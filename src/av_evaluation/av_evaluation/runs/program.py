@@ -17,8 +17,7 @@ from pathlib import Path
 
 from av_common.arguments import whole
 from av_evaluation.metrics.results import RunResult
-from av_evaluation.runs.cases import Case
-from av_evaluation.runs.runs import run_case
+from av_evaluation.runs.cases import Case, run_case
 
 
 class Progress:

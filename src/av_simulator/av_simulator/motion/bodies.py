@@ -1,9 +1,9 @@
-"""Bodies that carry the rig: how they follow a path, and how they tilt."""
+"""Bodies that carry the rig: how they follow a path, or a target, how they tilt, and the wind that moves them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 
 from av_common.config_reader import bounded
 from av_sim_bridge.vehicle import GRAVITY
+from av_simulator.trajectories import Position, velocity
 
 UP = np.array([0.0, 0.0, 1.0])  # in ENU
 MOST_SPEED = 60.0    # m/s, of the rig; sound allows 0.4 of its speed together with that of a target
 MOST_TILT = 1.0      # rad, of a mast
+# Of turbulence.
+FEET = 0.3048  # m
+LEAST_HEIGHT, MOST_HEIGHT = 10.0 * FEET, 1000.0 * FEET  # m, range of the model
+MOST_WIND = 60.0  # m/s, of the air
+LEAST_AIRSPEED = 1.0  # m/s; turbulence that does not pass by would not change
+PURSUIT_GAIN = 0.5  # 1/s, velocity towards the place that is aimed for, over the distance to it
+PURSUIT_LAG = 0.5  # s, in which the velocity reaches what is wanted
 
 
 class Kinematics(NamedTuple):
@@ -211,3 +219,98 @@ class Vibration:
 
     def _phases(self, times: NDArray) -> NDArray:
         return 2.0 * math.pi * self.frequency * times[:, np.newaxis] + np.radians([0.0, 120.0, 240.0])
+
+
+def length_scales(height: float) -> tuple[float, float]:
+    """Length scales (m) of horizontal and of vertical turbulence at a height (m)."""
+    feet = min(max(height, LEAST_HEIGHT), MOST_HEIGHT) / FEET
+    return feet / (0.177 + 0.000823 * feet) ** 1.2 * FEET, feet * FEET
+
+
+def vertical_share(height: float) -> float:
+    """Standard deviation of vertical turbulence relative to that of horizontal turbulence, at a height (m)."""
+    feet = min(max(height, LEAST_HEIGHT), MOST_HEIGHT) / FEET
+    return (0.177 + 0.000823 * feet) ** 0.4
+
+
+class Gusts:
+    """Wind at a body that moves through frozen turbulence: along the mean wind, across it, and vertical.
+
+    It is the continuous Dryden model at low altitude (MIL-F-8785C, 3.7; MIL-HDBK-1797, app. A). The spectra are 1 / (1 + T s)
+    along the wind and (1 + sqrt(3) T s) / (1 + T s)^2 across it and upwards, where T is the length scale over the airspeed.
+
+    Parameters:
+        velocity (m/s, (3,)): mean velocity in ENU.
+        relative: standard deviation of horizontal turbulence relative to the mean speed.
+        key: seed.
+    """
+
+    def __init__(self, velocity: Sequence[float], relative: float, key: Sequence[int]):
+        self._mean = np.array(velocity, float)
+        self._sigma = relative * float(np.linalg.norm(self._mean))
+        along = np.array([*self._mean[:2], 0.0])
+        length = float(np.linalg.norm(along))
+        along = along / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
+        self._axes = np.stack([along, np.cross(UP, along), UP], axis=1)
+        self._random = np.random.default_rng(key)
+        self._fast, self._slow = self._random.standard_normal(3), np.zeros(3)
+
+    def step(self, dt: float, height: float, velocity: NDArray) -> NDArray:
+        """Velocity (m/s, (3,)) of the air in ENU after `dt` (s).
+
+        Parameters:
+            dt (s): time since the step before.
+            height (m): height of the body above ground.
+            velocity (m/s, (3,)): velocity of the body.
+        """
+        if self._sigma == 0.0:
+            return self._mean
+        airspeed = max(float(np.linalg.norm(velocity - self._mean)), LEAST_AIRSPEED)
+        horizontal, vertical = length_scales(height)
+        kept = np.exp(-dt * airspeed / np.array([horizontal, horizontal, vertical]))
+        self._fast = kept * self._fast + np.sqrt(1.0 - kept**2) * self._random.standard_normal(3)
+        self._slow += (1.0 - kept) * (self._fast - self._slow)
+        across = (math.sqrt(3.0) * self._fast + (1.0 - math.sqrt(3.0)) * self._slow) / math.sqrt(2.0)
+        gust = self._sigma * np.array([self._fast[0], across[1], vertical_share(height) * across[2]])
+        air = self._mean + self._axes @ gust
+        return air * min(1.0, MOST_WIND / max(float(np.linalg.norm(air)), 1e-9))
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """The rig flies after a target, by the target's true position: sensors and estimates of the rig do not fly it.
+
+    Parameters:
+        target: index of the target.
+        distance (m): horizontal distance that is kept.
+        height (m): height above the target that is kept.
+        floor (m): least height above ground.
+        max_speed (m/s), max_acceleration (m/s^2): limits.
+        begin (s): time of the start; before, the rig follows its trajectory.
+    """
+
+    target: int = bounded(0, low=0, high=99)
+    distance: float = bounded(10.0, low=1.0, high=1000.0)
+    height: float = bounded(-1.0, low=-100.0, high=100.0)
+    floor: float = bounded(1.5, low=0.0, high=1000.0)
+    max_speed: float = bounded(12.0, above=0.0, high=60.0)
+    max_acceleration: float = bounded(4.0, above=0.0, high=50.0)
+    begin: float = bounded(0.0, low=0.0)
+
+    def path(self, target: Position, now: Kinematics, dt: float, time: float) -> Kinematics:
+        """Where the rig shall be.
+
+        Parameters:
+            target: trajectory of the target.
+            now: where the rig should be until now.
+            dt (s): time since then.
+            time (s): the time.
+        """
+        place, ahead = target(np.array([time]))[0], velocity(target, time)[0]
+        away = now.position[:2] - place[:2]
+        distance = max(float(np.linalg.norm(away)), 1e-6)
+        goal = np.array([*(place[:2] + self.distance / distance * away), max(place[2] + self.height, self.floor)])
+        wanted = within(ahead + PURSUIT_GAIN * (goal - now.position), self.max_speed)
+        acceleration = within((wanted - now.velocity) / PURSUIT_LAG, self.max_acceleration)
+        speed = now.velocity + dt * acceleration
+        return Kinematics(now.position + 0.5 * dt * (now.velocity + speed), speed, acceleration)

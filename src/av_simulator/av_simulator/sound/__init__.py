@@ -7,10 +7,9 @@ from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
     'bystander_signals': 'EngineSignal HelicopterSignal SirenSignal VoiceSignal',
-    'ego_rotors': 'EgoRotors',
     'ground': 'Ground',
     'medium': 'Medium',
-    'noise': 'Noise Snr Wind',
+    'noise': 'EgoRotors Noise Snr Wind',
     'obstacles': 'Box Trunk',
     'reverberation': 'ReverbZone',
     'rotor': 'RotorSignal',

@@ -1,4 +1,4 @@
-"""Noise at the microphones: wind, traffic, diffuse noise, ego-noise of the rotors, and self-noise of the microphones."""
+"""Noise at the microphones: wind, traffic, diffuse noise, the rig's own rotors, and self-noise of the microphones."""
 
 from __future__ import annotations
 
@@ -9,14 +9,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.config_reader import bounded
-from av_simulator.sound.ego_rotors import EgoRotors
+from av_simulator.sound.delays import AFTER, BEFORE, interpolate
 from av_simulator.sound.fields import corcos, diffuse, field_noise, horizontal
+from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.stream import CHUNK, Stream, Wander, spl_to_pascal, white_noise
+from av_simulator.trajectories import Static
 
 # A-weighted spectrum of traffic in third octaves from 100 Hz (EN 1793-3), and the A-weighting of these bands (IEC 61672-1).
 _TRAFFIC_DBA = (-20, -20, -18, -16, -15, -14, -13, -12, -11, -9, -8, -9, -10, -11, -13, -15, -16, -18)
 _A_WEIGHT_DB = (-19.1, -16.1, -13.4, -10.9, -8.6, -6.6, -4.8, -3.2, -1.9, -0.8, 0.0, 0.6, 1.0, 1.2, 1.3, 1.2, 1.0, 0.5)
 _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)  # 100 Hz to 5 kHz
+HOVERING = Static((0.0, 0.0, 0.0))  # the rotors' speeds do not follow the motion of the rig
+
+
+@dataclass(frozen=True)
+class EgoRotors:
+    """The rig's own rotors. The body is rigid, so that distances and delays to the microphones are constant.
+
+    Parameters:
+        signal: signal of the whole vehicle.
+        rotors (m, (rotors, 3)): positions of the hubs in the body frame.
+        microphones (m, (m, 3)): positions of the microphones in the body frame.
+    """
+
+    signal: RotorSignal
+    rotors: Sequence[Sequence[float]] = bounded(low=-100.0, high=100.0)
+    microphones: Sequence[Sequence[float]] = bounded((), low=-100.0, high=100.0)
+
+    def __post_init__(self) -> None:
+        if np.shape(self.rotors) != (len(self.signal.rotor_hz), 3):
+            raise ValueError(f'ego rotors have shape {np.shape(self.rotors)}, expected ({len(self.signal.rotor_hz)}, 3), '
+                             'one position for each speed in rotor_hz')
+
+    def stream(self, sample_rate: int, microphones: int, speed_of_sound: float, key: Sequence[int]) -> Stream:
+        """Pressure (Pa, (m, CHUNK)) at the microphones: each rotor with a gain of 1/r, r at least 5 cm.
+
+        Raises ValueError for a wrong number of microphone positions.
+
+        Parameters:
+            sample_rate (Hz): sample rate.
+            microphones: number of microphones.
+            speed_of_sound (m/s): speed of sound.
+            key: seed.
+        """
+        if np.shape(self.microphones) != (microphones, 3):
+            raise ValueError(f'ego rotors: microphones have shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
+        away = np.asarray(self.rotors, float)[:, None] - np.asarray(self.microphones, float)
+        distance = np.maximum(np.linalg.norm(away, axis=-1), 0.05)[..., None]  # (rotors, m, 1)
+        signals = [self._signal_of(number).stream(sample_rate, [*key, number], HOVERING) for number in range(len(self.rotors))]
+        delay = distance * (sample_rate / speed_of_sound)
+        reach = int(delay.max()) + BEFORE + 2
+        places = np.arange(CHUNK) + reach - delay
+        rows = np.broadcast_to(np.arange(len(signals))[:, None, None], places.shape)
+
+        def make(index: int) -> NDArray:
+            turned = [signal.read(index * CHUNK - reach, (index + 1) * CHUNK + AFTER + 2) for signal in signals]
+            return (interpolate(np.array(turned), rows, places) / distance).sum(axis=0)
+
+        return Stream(make)
+
+    def _signal_of(self, rotor: int) -> RotorSignal:
+        """The signal of one rotor, with its share of the vehicle's power."""
+        share_db = 10.0 * np.log10(len(self.rotors))
+        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],),
+                       tone_db_spl=self.signal.tone_db_spl - share_db, broadband_db_spl=self.signal.broadband_db_spl - share_db)
 
 
 @dataclass(frozen=True)

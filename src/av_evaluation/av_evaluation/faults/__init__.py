@@ -1,1 +1,0 @@
-"""A rig whose description is wrong: is it told, when, and by what name?"""
