@@ -67,8 +67,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         if (begin := number(arguments, 'start', 'seconds', 0.0)) >= bag.length:
             raise ValueError(f'start is {begin:g} s, and the bag has {bag.length:.1f} s')
     if arguments['model'] not in ('', 'shipped'):
-        from av_vision.methods import is_model_file
-        is_model_file(arguments['model'])
+        from av_vision.methods import check_model
+        check_model(arguments['model'])
     only = arguments['only']
     timed = {**arguments, BAG_TIME: 'true'}
     pointing = rig_node(timed, 'av_pointing', 'pointing_node', {'rig_file': arguments['rig']})

@@ -108,14 +108,13 @@ def generate_launch_description() -> LaunchDescription:
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     """The processes selected by the arguments. Raises ValueError, FileNotFoundError or MissingPackageError."""
     duration = number(arguments, 'duration', 'seconds', 0.0)
-    for name in ('audio', 'video', 'drone_recording', 'model', 'rig', 'array', 'params'):
-        named = name == 'model' and not Path(arguments[name]).suffix  # a detector of a package
-        if arguments[name] and not named and not Path(arguments[name]).exists():
+    for name in ('audio', 'video', 'drone_recording', 'rig', 'array', 'params'):
+        if arguments[name] and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     check_source(arguments)
     if arguments['model'] not in ('', 'shipped'):
-        from av_vision.methods import is_model_file
-        is_model_file(arguments['model'])
+        from av_vision.methods import check_model
+        check_model(arguments['model'])
     described = described_rig(arguments)
     arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}

@@ -162,11 +162,12 @@ def test_addresses_in_a_parameter_file_count(launch_file, tmp_path):
 
 @pytest.mark.parametrize(('given', 'words'), [
     ({'start': '99'}, 'start is 99 s, and the bag has 1.0 s'), ({'model': 'nosuch'}, 'expected an ONNX file or one of shipped'),
+    ({'model': 'nosuch.onnx'}, 'model nosuch.onnx does not exist'),
     ({'rate': '-1'}, 'player_node: Value -1.0 in parameter')])
 def test_a_replay_of_nothing_is_refused(replay_file, tmp_path, given, words):
     values = {name: default or '' for name, (default, _, _) in replay_file.ARGUMENTS.items()}
     bag = flight(tmp_path / 'flight.mcap', duration=1.0)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises((ValueError, OSError), match=words):
         replay_file.start({**values, 'bag': str(bag), RUN_FOLDER: str(tmp_path), **given})
 
 
@@ -191,6 +192,7 @@ def test_a_scenario_with_a_misspelt_key_is_named(refused, tmp_path):
     ('port_offset:=2.5', "port_offset is '2.5', expected a whole number"),
     ('port_offset:=99999', "port_offset is '99999', expected a whole number from"),
     ('seed:=x', "seed is 'x', expected a number"), ('model:=nosuch', "model 'nosuch', expected an ONNX file or one of shipped"),
+    ('model:=/no/such.onnx', 'model /no/such.onnx does not exist'),
     ('image_rate:=-3', "image_rate is '-3', expected images a second, 0 or more"), ('at:=1 2', "at is '1 2', expected x y z"),
     ('begin:=nan', "begin is 'nan', expected a Unix time"),
     ('out:=/proc/results', 'out:=/proc/results cannot be made'),

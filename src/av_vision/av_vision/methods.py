@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.files import check_file
 from av_common.methods import Methods
 from av_vision.detections import Candidates
 from av_vision.image import to_bgr8
@@ -28,6 +29,12 @@ def is_model_file(name: str) -> bool:
         return True
     DETECTORS.check(name)
     return False
+
+
+def check_model(name: str) -> None:
+    """Raise ValueError or OSError for a name that is neither that of a file that is there nor of an installed detector."""
+    if is_model_file(name):
+        check_file(name, kind='model')
 
 
 class ForeignDetector(Detector):
