@@ -13,7 +13,7 @@ AUDIO, DOA, ODDS, IMAGE, CAMERA = 'audio/frames', 'doa', 'doa/odds', 'camera/ima
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', 'tf_static', 'motor_speeds'
-GIMBAL, TARGETS, MARKS = 'gimbal/state', 'targets', 'marks'
+GIMBAL, TARGETS, MARKS, CUE = 'gimbal/state', 'targets', 'marks', 'target/cue'
 
 COMPRESSED = '/compressed'    # added by image_transport to the name of the same images
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
@@ -41,12 +41,13 @@ KINDS: dict[str, tuple[str, ...]] = {
     GIMBAL: ('av_interfaces/msg/GimbalState',),
     TARGETS: ('av_interfaces/msg/TrackArray',),
     MARKS: ('rcl_interfaces/msg/Log',),
+    CUE: ('geometry_msgs/msg/PointStamped',),
 }
 
 # The cameras, and what the topics are called for the first one, by their topics.
 _BY_CAMERA = {camera_topic(camera, name): (camera, name) for camera in CAMERAS for name in OF_CAMERA}
 _SEEN = camera_topics(CAMERAS, DETECTIONS)
-_CONTEXT = (*camera_topics(CAMERAS, CAMERA, VISIBILITY), ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS)
+_CONTEXT = (*camera_topics(CAMERAS, CAMERA, VISIBILITY), ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS, CUE)
 # Topics to play for each stage from which on the results are computed again.
 STAGES: dict[str, tuple[str, ...]] = {
     'raw': (AUDIO, MOTORS, *camera_topics(CAMERAS, IMAGE), *_SEEN, *_CONTEXT),

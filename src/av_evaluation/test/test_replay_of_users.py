@@ -172,3 +172,24 @@ def test_a_recorder_whose_clock_is_behind_loses_nothing(tmp_path, ahead):
             logs[offset] = replay.run()
             assert not replay.lost and not replay.notes
     assert len(logs[ahead].fused['azimuth']) == pytest.approx(len(logs[0.0].fused['azimuth']), abs=5) != 0
+
+
+@pytest.mark.parametrize('taken', [True, False])
+def test_recorded_cues_count_where_the_rig_took_them(tmp_path, taken):
+    """Another rig sees the target behind; the sound of a pair alone does not tell the side."""
+    behind = math.radians(140.0)
+    with make.bag(tmp_path / 'bag') as write:
+        for k in range(250):
+            time = make.EPOCH + k / 50.0
+            write('/odometry', time, make.odometry(time))
+            if k % 5 == 0:
+                write('/doa', time, make.doa(time - 0.25, behind))
+            if k % 10 == 0 and k > 150:
+                point = make.make('geometry_msgs/msg/Point', 60.0 * math.cos(behind), 60.0 * math.sin(behind), 10.0)
+                write('/target/cue', time, make.make('geometry_msgs/msg/PointStamped', make.header(time, 'rig/world'), point))
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(f'/**/fusion_node:\n  ros__parameters:\n    use_cues: {str(taken).lower()}\n')
+    with Bag(tmp_path / 'bag') as bag:
+        log = Replay(bag, ReplaySettings(parameters=(str(parameters),))).run()
+    assert bool(log.fused['resolved'][-1]) is taken and not log.fused['resolved'][:50].any()
+    assert not taken or math.cos(log.fused['azimuth'][-1] - behind) > 0.99

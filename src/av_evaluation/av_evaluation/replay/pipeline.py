@@ -131,6 +131,8 @@ class Pipeline:
             output = fusion.on_gimbal(message, arrival)
         elif name == names.ODDS:
             fusion.on_odds(message)
+        elif name == names.CUE:
+            fusion.on_cue(message, arrival)
         elif name == names.DOA:
             output = fusion.on_doa(message, arrival)
         elif kind == names.DETECTIONS:

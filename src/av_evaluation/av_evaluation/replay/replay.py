@@ -124,10 +124,10 @@ class Replay:
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if any(name in found for name in senses) else 'bearing')
         self.log = RunLog(keeps_events=keeps_events and self.stage != 'bearing')
-        self._topics = self._choose(found)
-        self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         for file in settings.parameters:
             check_parameter_file(file, [absolute(node, settings.namespace) for node in node_modules()])
+        self._topics = self._choose(found)
+        self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
         self._build()
 
     def run(self, out: BagWriter | None = None, progress: Callable[[float], None] | None = None) -> RunLog:
@@ -204,6 +204,7 @@ class Replay:
                 (self._lose if name in found.unused else self._note)(f'{found.missing[name]}: {without}')
         beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, *detections) if self.stage == 'bearing' else ()
         beside += (names.ODDS,) if self.stage == 'doa' else ()
+        beside += (names.CUE,) if self._parameters('av_fusion', 'fusion_node').use_cues else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
         beside += camera_topics(cameras, names.CAMERA, *(() if detects else (names.VISIBILITY,)))
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}
