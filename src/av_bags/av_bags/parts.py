@@ -55,7 +55,8 @@ class Parts:
             except Exception as error:    # libraries raise any type, for one that was empty when the disk was full, too
                 if file == files[-1] and not self.readers:
                     raise
-                self.lost.append(f'{file} cannot be read: {one_line(error)}')
+                named = isinstance(error, BagError)    # with its file
+                self.lost.append(str(error) if named else f'{file} cannot be read: {one_line(error)}')
 
     def _checked(self, file: Path, folder: Callable[[], Path]) -> Path:
         """A file, or the copy of one that is compressed. Raises ValueError or OSError where it cannot be read."""
