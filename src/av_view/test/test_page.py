@@ -145,6 +145,8 @@ def test_words_are_for_people(rig, phone):
     said = {'stateWords({ state: "sight" }, { sight_confidence: 0.78 })': 'seen, sure to 78 %',
             'bearingWords({ state: "sound", azimuth: -120.04, sigma: 2, range: null, resolved: true })':
                 '-120.0° ± 2°, behind, right',
+            'targetWords({ id: 3, name: "", drone: null, azimuth: null, range: null, source: ["sound"], selected: false })':
+                'target 3: heard in an unknown direction; not followed, not yet classified',
             'nameOf({ id: 3, name: "", drone: null })': 'target 3',
             'nameOf({ id: 4, name: "hexarotor", drone: 0.2 })': 'something 4',
             'statusWords("doa has 2 publishers (/a, /b) and is not used: stop all but one")':
@@ -188,6 +190,9 @@ def test_many_targets_fit_a_small_phone(rig):
         overlaps, names = phone.value(OVERLAPS)
         assert overlaps == 0 and names > 10
         assert phone.value('[...document.querySelectorAll("#polar .name")].some(one => one.textContent.startsWith("drone 33"))')
+        rig.show(tracks=[{**tracks[0], 'azimuth': None}])    # what is ahead is not known to be there
+        assert phone.wait_for('$("targets").children.length === 1')
+        assert phone.value('document.querySelectorAll("#polar .track").length') == 0
 
 
 def test_what_is_shown_fades_while_the_connection_is_lost():

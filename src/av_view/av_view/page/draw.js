@@ -81,7 +81,7 @@ function showPolar() {
   for (const box of sight?.boxes ?? []) if (box.azimuth !== null) spoke(svg, 'line stroke-sight', box.azimuth, RIM - 16, RIM);
   for (const target of truth) { const [cx, cy] = at(target.azimuth, RIM - 8); element(svg, 'circle', { class: 'true', cx, cy, r: 5 }); }
   if (bearing && bearing.state !== 'none') spoke(svg, 'line stroke-fused', bearing.azimuth, 8, RIM);
-  showTracks(svg, tracks);
+  showTracks(svg, tracks.filter(track => track.azimuth !== null));
   const [[x1, y1], [x2, y2], [x3, y3]] = [at(0, 9), at(140, 7), at(-140, 7)];
   element(svg, 'polygon', { class: 'rig', points: `${x1},${y1} ${x2},${y2} ${x3},${y3}` });
 }

@@ -45,7 +45,8 @@ function reasonWords(bearing, fusion) {
 // One line for each target: which is followed, and why the others are not.
 function targetWords(track) {
   const senses = track.source.map(name => SENSES[name]), type = (track.name ?? '').replaceAll('_', ' '), name = nameOf(track);
-  const where = `${senses.length ? listed(senses) : 'predicted'} at ${signed(track.azimuth ?? 0, 0)}°${track.range ? `, ${Math.round(track.range)} m` : ''}`;
+  const direction = track.azimuth === null ? 'in an unknown direction' : `at ${signed(track.azimuth, 0)}°`;
+  const where = `${senses.length ? listed(senses) : 'predicted'} ${direction}${track.range ? `, ${Math.round(track.range)} m` : ''}`;
   const drone = track.drone === null ? 'not yet classified' : `a drone to ${percent(track.drone)}`;
   return `${name}${type && !name.startsWith(type) && type !== 'drone' ? ` (${type})` : ''}: ${where}; ${track.selected ? 'followed' : 'not followed'}, ${drone}`;
 }
