@@ -15,7 +15,7 @@ from av_common.freshness import Instant
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.stage import PointingStage
-from av_simulator.motion.yaw_axis import YawAxis, YawResponse
+from av_simulator.motion.axes import YawAxis, YawResponse
 
 STEP_S = 0.005
 TICK_HZ = 30.0    # of commands without messages

@@ -18,7 +18,7 @@ from av_pointing.response import BodyMotion, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
 from av_px4.guard import BodyGuard, Inputs
 from av_px4.handover import EXTERNAL_MODES, VehicleStatus
-from av_simulator.motion.yaw_axis import YawAxis, YawResponse
+from av_simulator.motion.axes import YawAxis, YawResponse
 
 NOISE = math.radians(0.5)
 FULL = {'noise': NOISE, 'age_jitter': 0.01}

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from av_common.rig import GimbalMount
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator.motion.axes import SimulatedGimbal, YawAxis, YawResponse
 from av_simulator.motion.bodies import MOST_SPEED, Gusts, Kinematics, Pursuit
-from av_simulator.motion.gimbal import SimulatedGimbal
-from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 from av_simulator.scenario import RigMotion
 from av_simulator.sound.noise import Wind
 from av_simulator.trajectories import Position, acceleration, velocity

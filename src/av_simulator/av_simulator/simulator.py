@@ -27,7 +27,7 @@ from av_sim_bridge.wire.ports import FIRST_TARGET, RIG, TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import VehicleTruth, decode_truth, encode_truth, is_truth
-from av_simulator.motion.yaw_axis import COMMAND_LIFETIME
+from av_simulator.motion.axes import COMMAND_LIFETIME
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.run import BLOCKS_PER_SECOND, TRUTH_RATE, times
 from av_simulator.sockets import ControlPort, address_towards, sending_socket

@@ -14,7 +14,7 @@ from av_sim_bridge.vehicle import GRAVITY, VehicleState
 from av_sim_bridge.wire.gimbal import GimbalSample
 from av_sim_bridge.wire.ports import FIRST_TARGET
 from av_simulator.config_files import find_config
-from av_simulator.motion.gimbal import ENCODER_SIGMA
+from av_simulator.motion.axes import ENCODER_SIGMA
 from av_simulator.rendering.render_process import RendererFactory, make_renderer
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import Drone, View

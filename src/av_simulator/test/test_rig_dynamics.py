@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator.motion.axes import COMMAND_LIFETIME
 from av_simulator.motion.bodies import MOST_SPEED
-from av_simulator.motion.yaw_axis import COMMAND_LIFETIME
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.run import open_world
 from av_simulator.scenario import RigMotion

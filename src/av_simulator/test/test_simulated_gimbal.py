@@ -11,9 +11,8 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_common.rig import GimbalMount, load_rig
 from av_sim_bridge.vehicle import VehicleState
 from av_simulator.config_files import find_config
+from av_simulator.motion.axes import COMMAND_LIFETIME, ENCODER_SIGMA, SimulatedGimbal
 from av_simulator.motion.bodies import Mast, Quadrotor
-from av_simulator.motion.gimbal import ENCODER_SIGMA, SimulatedGimbal
-from av_simulator.motion.yaw_axis import COMMAND_LIFETIME
 from av_simulator.run import open_world
 from av_simulator.world import World
 

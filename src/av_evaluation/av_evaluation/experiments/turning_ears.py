@@ -28,7 +28,7 @@ from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController
 from av_pointing.stage import PointingStage
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.motion.yaw_axis import YawAxis, YawResponse
+from av_simulator.motion.axes import YawAxis, YawResponse
 
 STEP_S = 0.05  # half a hop of the windows
 RESPONSE = YawResponse(math.radians(60.0), math.radians(120.0))  # of the simulator's rigs
