@@ -21,10 +21,10 @@ from av_simulator.sound.ground import Ground
 from av_simulator.sound.noise import Noise
 from av_simulator.sound.obstacles import OBSTACLES, Obstacle
 from av_simulator.sound.propagation import FASTEST
+from av_simulator.sound.rays import Room, Surroundings
 from av_simulator.sound.reverberation import ReverbZone
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source_signals import RecordedSignal, ToneSignal
-from av_simulator.sound.surroundings import Room, Surroundings
 from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
 SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal, 'voice': VoiceSignal,

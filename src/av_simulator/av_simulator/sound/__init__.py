@@ -11,10 +11,10 @@ __all__, __getattr__ = exports(__name__, {
     'medium': 'Medium',
     'noise': 'EgoRotors Noise Snr Wind',
     'obstacles': 'Box Trunk',
+    'rays': 'Room Surroundings',
     'reverberation': 'ReverbZone',
     'rotor': 'RotorSignal',
     'source': 'RotorDirectivity Source load_profile',
     'source_signals': 'FormulaSignal RecordedSignal SourceSignal ToneSignal',
-    'surroundings': 'Room Surroundings',
     'world': 'SoundWorld',
 })

@@ -12,10 +12,9 @@ from scipy.signal.windows import tukey
 
 from av_simulator.sound.delays import BEFORE, TAPS, BlockGrid, along_block, interpolate, retarded_delay
 from av_simulator.sound.medium import Medium
-from av_simulator.sound.rays import rays_of
+from av_simulator.sound.rays import Surroundings, rays_of
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream, db_to_ratio
-from av_simulator.sound.surroundings import Surroundings
 
 FASTEST = 0.4  # maximum speed of approach between source and microphones, relative to the speed of sound
 NEAREST = 0.1  # m, distance below which a source becomes no louder

@@ -1,4 +1,4 @@
-"""Propagation paths: direct, and reflected by the ground, by faces of obstacles and by the walls of a room.
+"""Surroundings of sources and microphones, and the paths of sound in them: direct, and reflected by ground, faces and walls.
 
 A reflected ray is a straight line to a mirror image of the receiver, mirror @ receiver + shift. Its `factor` (F,) is the
 response of the amplitude at the frequencies for which the rays were made. Edges: Kurze and Anderson, Sound attenuation by
@@ -8,20 +8,65 @@ barriers, 1971, after Maekawa 1968.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
 from av_simulator.sound.ground import Ground
-from av_simulator.sound.obstacles import Box, Obstacle, detours, reflection_factor
-from av_simulator.sound.surroundings import Room, Surroundings
+from av_simulator.sound.obstacles import OBSTACLES, Absorption, Box, Obstacle, detours, reflection_factor
+from av_simulator.sound.reverberation import NARROWEST, ReverbZone
 
 _MARGIN_M = 1.5  # m, distance from the path beyond which an edge has an effect below 100 Hz only
 _MOST_LOSS_DB = 25.0  # maximum loss, limited by scattering (ISO 9613-2:1996, 7.4)
 _COHERENT_M = 0.5  # m, difference of path lengths over which turbulence destroys the coherence of two waves
 _CLEAR_NUMBER = -0.2  # Fresnel number below which an edge has no effect
+
+
+@dataclass(frozen=True)
+class Room:
+    """A box-shaped room whose walls reflect sound (image sources, Allen and Berkley 1979). Raises ValueError.
+
+    Parameters:
+        minimum, maximum (m, ENU): corners.
+        absorption: absorption coefficients of the walls, one value or one for each octave.
+        order: maximum number of reflections of a ray.
+    """
+
+    minimum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
+    maximum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
+    absorption: Absorption = (0.2,)
+    order: int = bounded(2, low=0, high=8)
+
+    def __post_init__(self) -> None:
+        if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
+            raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
+                             f'expected x, y, z, minimum < maximum by at least {NARROWEST} m')
+        reflection_factor(self.absorption, np.zeros(1))   # raises ValueError for impossible ones
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Surroundings of sources and microphones. Raises ValueError for a ground in addition to a room.
+
+    Parameters:
+        ground: a plane that reflects sound.
+        obstacles: obstacles that shade and reflect sound.
+        room: walls, floor and ceiling.
+        zones: zones with late reverberation.
+    """
+
+    ground: Ground | None = None
+    obstacles: Sequence[Annotated[Obstacle, OBSTACLES]] = ()
+    room: Room | None = None
+    zones: Sequence[ReverbZone] = ()
+
+    def __post_init__(self) -> None:
+        if self.ground is not None and self.room is not None:
+            raise ValueError('ground and room are both given, expected one: the floor of the room is its ground')
 
 
 def edge_loss_db(detour_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:

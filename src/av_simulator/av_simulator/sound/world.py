@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise, Snr
 from av_simulator.sound.propagation import Propagation
+from av_simulator.sound.rays import Surroundings
 from av_simulator.sound.reverberation import Reverberation
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream, band_power, db_to_ratio
-from av_simulator.sound.surroundings import Surroundings
 
 
 class SoundWorld:
