@@ -23,7 +23,7 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.cli import evaluate, report
-from av_evaluation.experiments.publication import cases_of
+from av_evaluation.cli.report import cases_of
 from av_evaluation.runs.cases import Case, run_case
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose

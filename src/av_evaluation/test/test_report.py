@@ -10,9 +10,18 @@ import numpy as np
 import pytest
 
 from av_evaluation.cli.evaluate import main as evaluate
-from av_evaluation.cli.report import BEGIN, END, measured_table, measured_version, write_readme
+from av_evaluation.cli.report import (
+    BEGIN,
+    END,
+    EXPERIMENTS,
+    cases_of,
+    make_page,
+    measured_table,
+    measured_version,
+    metrics_by_experiment,
+    write_readme,
+)
 from av_evaluation.experiments.physical import labelled_azimuths, longest_take, moving_through
-from av_evaluation.experiments.publication import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.results import MethodResult, RunResult, write_json
 from av_evaluation.runs import program
 

@@ -1,1 +1,1 @@
-"""The publication's experiments."""
+"""Runs on scenarios and recordings, and the methods that are compared on them."""
