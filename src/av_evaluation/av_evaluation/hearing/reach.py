@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from math import erf
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy import signal
 
 from av_audio.drone_classifier import DroneClassifier, load_model
 from av_audio.localizer import Localizer, LocalizerSettings
@@ -91,7 +92,7 @@ class Scene:
         frequencies = np.fft.rfftfreq(count, 1.0 / RATE)
         for _ in range(WINDOWS):
             first, second = rng.integers(0, self._noise.shape[1] - count, 2)
-            azimuth = _azimuth(rng, self._array)
+            azimuth = float(rng.uniform(-1.0, 1.0) * (PAIR_RAD if self._array.rank == 1 else np.pi))
             lead = self._array.positions @ angles_to_direction(azimuth, ELEVATION_RAD) / self._c
             spectrum = np.fft.rfft(self._drone[first:first + count]) * self._attenuated(distance, frequencies)
             sound = np.fft.irfft(spectrum * np.exp(2j * np.pi * np.outer(lead, frequencies)), count, axis=1)
@@ -115,9 +116,8 @@ class Scene:
         """
         frequencies = np.fft.rfftfreq(BINS, 1.0 / RATE)
         inside = (frequencies >= BAND_HZ[0]) & (frequencies <= BAND_HZ[1])
-        source, noise = (_spectra(each)[..., inside] for each in (self._drone[None], self._noise))
-        power = np.mean(np.abs(source[0]) ** 2, axis=0) * self._attenuated(distance, frequencies[inside]) ** 2
-        inverse = np.linalg.inv(np.einsum('itk,jtk->kij', noise, noise.conj()) / noise.shape[1])
+        power = _cross_spectra(self._drone[None])[inside, 0, 0].real * self._attenuated(distance, frequencies[inside]) ** 2
+        inverse = np.linalg.inv(_cross_spectra(self._noise)[inside])
         omega, within = 2.0 * np.pi * frequencies[inside], []
         for azimuth in np.linspace(-1.0, 1.0, 24) * (PAIR_RAD if self._array.rank == 1 else np.pi):
             turned = [self._array.positions @ angles_to_direction(azimuth + step, 0.0) for step in (0.0, 1e-4)]
@@ -129,10 +129,6 @@ class Scene:
                 power * ratio / (1.0 + ratio) * (dd.real - np.abs(da) ** 2 / aa.real))
             within.append(erf(WITHIN_RAD * float(np.sqrt(0.5 * information))))
         return float(np.mean(within))
-
-
-def _azimuth(rng: Generator, array: MicrophoneArray) -> float:
-    return float(rng.uniform(-1.0, 1.0) * (PAIR_RAD if array.rank == 1 else np.pi))
 
 
 def _noise(place: Place, array: MicrophoneArray, c: float, count: int) -> NDArray:
@@ -153,16 +149,12 @@ def _a_weight(frequencies: NDArray) -> NDArray:
     return np.asarray(gain * 10.0 ** 0.1)
 
 
-def _spectra(samples: NDArray) -> NDArray:
-    """Spectra (m, t, k) of frames of BINS samples."""
-    frames = np.lib.stride_tricks.sliding_window_view(samples, BINS, axis=1)[:, ::BINS // 2]
-    return np.asarray(np.fft.rfft(frames * np.hanning(BINS), axis=2))
+def _cross_spectra(samples: NDArray) -> NDArray:
+    """Cross-spectra (k, m, m) of samples (m, n)."""
+    return np.asarray(signal.csd(samples[None], samples[:, None], RATE, nperseg=BINS)[1].transpose(2, 0, 1))
 
 
 def _farthest(share: Callable[[float], float]) -> float:
     """The largest of DISTANCES_M at which the share is reached, by bisection; 0 where it is not at the first."""
-    low, high = -1, len(DISTANCES_M)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if share(float(DISTANCES_M[middle])) >= SHARE else (low, middle)
-    return float(DISTANCES_M[low]) if low >= 0 else 0.0
+    reached = bisect_left(DISTANCES_M, True, key=lambda distance: share(float(distance)) < SHARE)
+    return float(DISTANCES_M[reached - 1]) if reached else 0.0

@@ -26,7 +26,7 @@ from av_evaluation.hearing.places import (
     with_own_noise,
 )
 from av_evaluation.hearing.signals import Source, drone_files, load_clip
-from av_evaluation.hearing.trials import Figure, Found, Locate, Window, compare, error_figures, ours, share
+from av_evaluation.hearing.trials import Figure, Found, Locate, Window, compare, error_figures, ours
 from av_evaluation.metrics.metrics import rmse
 
 ROOMS = 100  # of which windows are drawn
@@ -87,8 +87,6 @@ def heads(data: Path, responses: Sequence[Path] = ()) -> Iterator[Figure]:
         ahead = errors.reshape(len(truth), -1)[np.abs(truth) <= 60.0]
         yield Figure(f'{title}, |azimuth| <= 60 deg: mean error', ahead.mean(), 'deg', limits[0])
         yield Figure(f'{title}: mean error', errors.mean(), 'deg', limits[1])
-        yield Figure(f'{title}: RMSE', rmse(errors), 'deg')
-        yield Figure(f'{title}: errors above 20 deg', share(errors > 20.0), '%')
         yield Figure(f'{title}: largest error', errors.max(), 'deg')
 
 

@@ -50,8 +50,7 @@ def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) 
     equal power per octave, the mean of the real drone recordings in shared/data (within 2 dB from 200 to 4000 Hz); 0 gives
     equal amplitudes, similar to a nearby drone.
     """
-    count = round(seconds * RATE)
-    time = np.arange(count)[:, None] / RATE - delays
+    time = np.arange(round(seconds * RATE))[:, None] / RATE - delays
     tones = np.zeros(time.shape)
     for _ in range(4):
         fundamental, wander_hz = rng.uniform(150.0, 220.0), rng.uniform(0.2, 2.0)
@@ -60,10 +59,7 @@ def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) 
         harmonics = np.arange(1, int(4500.0 / fundamental))
         amplitudes = harmonics**-decay * np.exp(2j * np.pi * rng.uniform(size=harmonics.size))
         tones += (np.polynomial.polynomial.polyval(turn, np.concatenate([[0.0], amplitudes]))).real
-    frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
-    inside = (frequencies > 100.0) & (frequencies < 6000.0)
-    spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
-    broadband = delayed(spectrum / np.sqrt(np.maximum(frequencies, 1.0)), frequencies, delays, count)
+    broadband = flat(rng, seconds, delays, (100.5, 5999.5), 0.5)
     return tones / tones[:, 0].std() + 10.0**-0.5 * broadband / broadband[:, 0].std()
 
 
