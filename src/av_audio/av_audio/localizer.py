@@ -258,10 +258,9 @@ def odds_over_cosines(array: MicrophoneArray, peak: Peak, probability: float) ->
         peak: the highest peak.
         probability: that there is a source.
     """
-    if peak.curve is None:
+    if peak.curve is None or array.delay_curve is not None:
         return np.zeros(0)
     places, response = peak.curve
-    q = COSINES if array.delay_curve is None else array.delay_curve.measured_cosine(COSINES)
-    likelihood = np.exp(NATS * (np.interp(q, places, response) - response.max()))
+    likelihood = np.exp(NATS * (np.interp(COSINES, places, response) - response.max()))
     told = (1.0 - MISSING) * probability
     return np.asarray(told / (1.0 - told) * likelihood / likelihood.mean())
