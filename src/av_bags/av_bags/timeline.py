@@ -106,22 +106,39 @@ def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int) ->
 
     Raises OSError.
     """
-    steps, copies = Steps(), [_Copy(path)]
+    steps, copies, writers = Steps(), list[Path](), list[Writer]()
     schemas, channels = dict[int, Schema](), dict[int, Channel]()
+    numbers: dict[tuple[int, int], int] = {}    # of the channels in each copy
+
+    def begin() -> None:
+        copies.append(path.with_stem(f'{path.stem}_{len(copies)}') if copies else path)
+        writers.append(Writer(str(copies[-1]), compression=CompressionType.NONE))
+        writers[-1].start('ros2')
+
+    begin()
     for record in records:
         if isinstance(record, Schema):
             schemas.setdefault(record.id, record)
         elif isinstance(record, Channel):
             channels.setdefault(record.id, record)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            number = min(steps.take(record.channel_id, record.log_time), most_steps)
-            if number == len(copies):
-                copies.append(_Copy(path.with_stem(f'{path.stem}_{number}')))
-            channel = channels[record.channel_id]
-            copies[number].add(record, channel, schemas.get(channel.schema_id))
-    for copy in copies:
-        copy.out.finish()
-    return [copy.path for copy in copies]
+        elif isinstance(record, Message) and (channel := channels.get(record.channel_id)) and channel.schema_id in schemas:
+            step = min(steps.take(channel.id, record.log_time), most_steps)
+            if step == len(writers):
+                begin()
+            if (step, channel.id) not in numbers:
+                numbers[step, channel.id] = _register(writers[step], channel, schemas[channel.schema_id])
+            writers[step].add_message(numbers[step, channel.id], record.log_time, record.data, record.publish_time,
+                                      record.sequence)
+    for writer in writers:
+        writer.finish()
+    return copies
+
+
+def _register(writer: Writer, channel: Channel, schema: Schema) -> int:
+    """The number of a channel in a new file."""
+    text = schema.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
+    number = writer.register_schema(schema.name, schema.encoding, text)
+    return int(writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata))
 
 
 def records_of_database(reader: Reader, problems: list[str]) -> Iterator[McapRecord]:
@@ -142,27 +159,6 @@ def records_of_database(reader: Reader, problems: list[str]) -> Iterator[McapRec
             yield Message(topic, time_ns, data, time_ns, number)
     except Exception as error:  # noqa: BLE001  the same
         problems.append(f'{reader.path.name} is damaged ({error})')
-
-
-class _Copy:
-    """A new mcap file that is written."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.out = Writer(str(path), compression=CompressionType.NONE)
-        self.out.start('ros2')
-        self._channels: dict[int, int] = {}
-
-    def add(self, record: Message, channel: Channel, schema: Schema | None) -> None:
-        """Add a message of a channel, which is left out without its schema."""
-        if schema is None:
-            return
-        if channel.id not in self._channels:
-            text = schema.data.decode('utf-8', 'replace').encode()    # comments may be in an older encoding
-            number = self.out.register_schema(schema.name, schema.encoding, text)
-            self._channels[channel.id] = self.out.register_channel(channel.topic, channel.message_encoding, number,
-                                                                   channel.metadata)
-        self.out.add_message(self._channels[channel.id], record.log_time, record.data, record.publish_time, record.sequence)
 
 
 def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
