@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -53,16 +52,6 @@ ALL_IMAGES = QoSProfile(depth=10, reliability=STREAM.reliability)  # between two
 Take = Callable[[Any, float], None]  # of a message and the time at which it was published (s)
 
 
-@dataclass
-class _Topic:
-    """A topic, and what decodes and takes its messages."""
-
-    kind: Any
-    reader: Reader
-    decode: Callable[[bytes], Any]
-    take: Take
-
-
 class RigWatch:
     """Reads the topics of a namespace, and puts what viewers see into its feed.
 
@@ -85,7 +74,7 @@ class RigWatch:
         self._images = RecentImages()
         self._pictured = (0, False)  # stamp (ns) of the image that is shown, and whether its detections are
         self.snapshot = state.snapshot(node.now())
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, tuple[Reader, Callable[[bytes, float], None]]] = {}    # what reads and takes messages
         before = set(node.entities())
         # Viewers wait for no transform.
         self._rotations = TfRotations(node, OLDEST_S, f'{rig}/')
@@ -125,9 +114,12 @@ class RigWatch:
             pictures: whether somebody sees them.
         """
         offset = self._node.now() - time.time()
-        for name, topic in self._topics.items():
-            for data, published in topic.reader.take():
-                self._take(name, topic, data, published + offset)
+        for name, (reader, take) in self._topics.items():
+            for data, published in reader.take():
+                try:
+                    take(data, published + offset)
+                except BAD_INPUT as error:
+                    self._node.refused.refuse(name, error)
         try:
             picture = self._new_picture(pictures)
         except BAD_INPUT as error:
@@ -156,16 +148,13 @@ class RigWatch:
               decode: Callable[[bytes], Any] | None = None) -> None:
         """Look at a topic, which has another `name` where it is not one of the rig, at each update."""
         reader = self._node.create_reader(kind, name or f'{self._rig}/{topic}', qos)
-        decode = decode or deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
-        self._topics[topic] = _Topic(kind, reader, decode, take)
+        decoded = decode or deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
 
-    def _take(self, name: str, topic: _Topic, data: bytes, published: float) -> None:
-        """Decode a message and take it; one that cannot be used is counted."""
-        try:
-            check_size(topic.kind, data)
-            topic.take(topic.decode(data), published)
-        except BAD_INPUT as error:
-            self._node.refused.refuse(name, error)
+        def use(data: bytes, published: float) -> None:
+            check_size(kind, data)
+            take(decoded(data), published)
+
+        self._topics[topic] = reader, use
 
     def _new_picture(self, encode: bool) -> bytes:
         """The image in which the newest detections were made, so that boxes fit; without detections the newest image.
