@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +25,8 @@ DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
 
 
-@dataclass
-class _Segment:
-    """The observations of one target, each with the target's state at its time."""
-
-    begin: float
-    observations: list[Observation] = field(default_factory=list)
-    states: list[NDArray[np.float64]] = field(default_factory=list)
+# The observations of one target, each with the target's state (6,) at its time (s).
+Segment = list[tuple[Observation, NDArray[np.float64], float]]
 
 
 class RigCalibration:
@@ -54,7 +48,7 @@ class RigCalibration:
     def __init__(self, rigs: Sequence[RigSettings]) -> None:
         self.mean, self.covariance, self._drift = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
         self._position_sigmas: list[float] = []
-        self._segments: dict[int, _Segment] = {}
+        self._segments: dict[int, Segment] = {}
         self._time: float | None = None
         for rig in rigs:
             self.join(rig)
@@ -88,13 +82,12 @@ class RigCalibration:
             state (6,): of the target at that time.
             time (s): by the reference clock.
         """
-        segment = self._segments.setdefault(target, _Segment(time))
-        if time - segment.begin < SEGMENT_S:
-            segment.observations.append(observation)
-            segment.states.append(state)
+        segment = self._segments.setdefault(target, [])
+        if not segment or time - segment[0][2] < SEGMENT_S:
+            segment.append((observation, state, time))
             return
         del self._segments[target]
-        if len(segment.observations) >= LEAST_OBSERVATIONS and len({one.rig for one in segment.observations}) > 1:
+        if len(segment) >= LEAST_OBSERVATIONS and len({one.rig for one, _, _ in segment}) > 1:
             self._learn(segment)
 
     def forget(self, target: int) -> None:
@@ -107,11 +100,11 @@ class RigCalibration:
             self.covariance += np.diag(self._drift * max(time - self._time, 0.0))
         self._time = time
 
-    def _learn(self, segment: _Segment) -> None:
-        observations, clocks = segment.observations, self.mean[CLOCK::RIG_SIZE]
+    def _learn(self, segment: Segment) -> None:
+        (observations, states, _), clocks = zip(*segment, strict=True), self.mean[CLOCK::RIG_SIZE]
         times = np.array([one.sighting.measured + clocks[one.rig] for one in observations])
         cells, first, nodes = np.unique(np.floor(times / STEP_S), return_index=True, return_inverse=True)
-        track, ahead = np.array(segment.states)[first], times - STEP_S * (cells[nodes] + 0.5)
+        track, ahead = np.array(states)[first], times - STEP_S * (cells[nodes] + 0.5)
         rigs = np.array([one.rig for one in observations])
         flight, prior = _motion_information(STEP_S * np.diff(cells)), np.linalg.inv(self.covariance)
         step, size = np.zeros(len(self.mean)), track.size

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -88,20 +88,13 @@ def _transition(values: dict[str, Any]) -> ChangeState.Request:
 CONFIGURE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
 
 
-class _Service(NamedTuple):
-    """A service of the rig: its name in the rig's namespace, its type, and its request from the values of the viewer's."""
-
-    name: str
-    kind: Any
-    request: Callable[[dict[str, Any]], Any]
-
-
-SERVICES = {
-    'enable': _Service('pointing_node/enable', SetBool, lambda values: SetBool.Request(data=_flag(values))),
-    'select': _Service('fusion_node/select', SelectTarget, lambda values: SelectTarget.Request(id=_identifier(values))),
-    'turn': _Service('fusion_node/request_rotation', Trigger, lambda _: Trigger.Request()),
-    'record': _Service('recorder_node/change_state', ChangeState, _transition),
-    'pause': _Service('player_node/pause', SetBool, lambda values: SetBool.Request(data=_flag(values)))}
+# Services of the rig: name in the rig's namespace, type, and what makes a request of the values of a viewer's.
+SERVICES: dict[str, tuple[str, Any, Callable[[dict[str, Any]], Any]]] = {
+    'enable': ('pointing_node/enable', SetBool, lambda values: SetBool.Request(data=_flag(values))),
+    'select': ('fusion_node/select', SelectTarget, lambda values: SelectTarget.Request(id=_identifier(values))),
+    'turn': ('fusion_node/request_rotation', Trigger, lambda _: Trigger.Request()),
+    'record': ('recorder_node/change_state', ChangeState, _transition),
+    'pause': ('player_node/pause', SetBool, lambda values: SetBool.Request(data=_flag(values)))}
 
 
 class RigControl:
@@ -139,7 +132,7 @@ class RigControl:
     def offers(self, rig: str) -> list[str]:
         """The actions for which a rig has the service."""
         present = {name for name, _ in self._node.get_service_names_and_types()}
-        return [action for action, service in SERVICES.items() if f'{rig}/{service.name}' in present]
+        return [action for action, (service, _, _) in SERVICES.items() if f'{rig}/{service}' in present]
 
     def prepare(self, rig: str, offers: Iterable[str]) -> None:
         """Make clients and the topic of marks known before the first request, which is late otherwise, a stop among them.
@@ -148,14 +141,15 @@ class RigControl:
             rig: namespace of the rig.
             offers: see `offers`.
         """
-        for action in offers:
-            self._client(f'{rig}/{SERVICES[action].name}', SERVICES[action].kind)
+        for service, kind, _ in map(SERVICES.__getitem__, offers):
+            self._client(f'{rig}/{service}', kind)
         if rig not in self._marks:
             self._marks[rig] = self._node.create_publisher(Log, f'{rig}/marks', RESULT)
 
     async def _act(self, name: str, rig: str, request: dict[str, Any]) -> dict[str, Any]:
         if name in SERVICES:
-            return await self._call(f'{rig}/{SERVICES[name].name}', SERVICES[name].kind, SERVICES[name].request(request))
+            service, kind, wanted = SERVICES[name]
+            return await self._call(f'{rig}/{service}', kind, wanted(request))
         if name == 'mark':
             return await self._begin(partial(self._mark, rig, str(request['value']).strip()[:LONGEST_TEXT]))
         if name == 'bags':
