@@ -45,6 +45,14 @@ def test_the_body_settles_at_any_delay_with_any_lag(target, age, dead_time, lag)
     assert loop.rms_deg(8.0) < (2.0 if age + dead_time <= 0.51 else 5.0)
 
 
+@pytest.mark.parametrize(('target', 'most'), [
+    (TARGETS['weaving'], 0.6), (lambda t: math.atan2(5.0 * (t - 10.0), 10.0), 1.4)], ids=['weaving', 'passing at 10 m'])
+def test_a_target_whose_rate_changes_is_followed(target, most):
+    """By its acceleration: by its rate alone, errors are 1.2 and 2.1 deg rms."""
+    loop = close_loop(make_stage(), Conditions(bearing_age=0.1, **FULL), target, 18.0)
+    assert loop.rms_deg(6.0) < most
+
+
 @pytest.mark.parametrize('lag', [0.2, 0.8])
 @pytest.mark.parametrize('told', [0.05, 0.4, 1.0])
 def test_no_limit_cycle_with_a_lag_that_it_was_not_told(lag, told):
