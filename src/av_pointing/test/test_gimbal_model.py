@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from av_common.rig import GimbalMount
-from av_pointing.gimbal_model import SIGMA, GimbalModel
+from av_pointing.gimbal_stage import SIGMA, GimbalModel
 
 
 def test_the_model_has_lag_rate_and_limits():

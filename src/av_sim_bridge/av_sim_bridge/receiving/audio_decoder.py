@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, decode_header, payload_of
+from av_sim_bridge.wire.audio import HEADER_BYTES, AudioFormat, AudioHeader, decode_header
 from av_sim_bridge.wire.error import WireError
 
 
@@ -105,7 +105,7 @@ class _NumberedStream:
         return arrival - self._last_arrival < self.SILENCE
 
     def decode(self, header: AudioHeader, datagram: bytes, arrival: float, time: float | None) -> list[AudioBlock]:
-        samples = self.layout.decode(payload_of(datagram))
+        samples = self.layout.decode(datagram[HEADER_BYTES:])
         self._last_arrival = arrival
         if self._expected < 0:
             self._expected = header.sequence

@@ -10,6 +10,7 @@ from av_sim_bridge.wire.error import WireError, check_number, check_time
 MAGIC = 1234567960  # own
 MOST_BYTES = 65_507  # of a UDP datagram: 65,535 less the headers of IP and UDP
 _HEADER = struct.Struct('<4i1d')   # magic, packet length with header, sequence, frames in the packet, time
+HEADER_BYTES = _HEADER.size
 _TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}  # numpy type and full scale
 MOST_CHANNELS, MOST_RATE = 64, 384_000
 _LOUDEST = 16.0   # float samples beyond this (24 dB over full scale) are refused
@@ -115,8 +116,3 @@ def decode_header(layout: AudioFormat, datagram: bytes) -> AudioHeader | None:
     check_number(sequence, 'audio: sequence')
     check_time(time, 'audio')
     return AudioHeader(sequence, frames, time)
-
-
-def payload_of(datagram: bytes) -> bytes:
-    """The samples after the header."""
-    return datagram[_HEADER.size:]
