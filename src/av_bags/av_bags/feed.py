@@ -13,12 +13,10 @@ from av_bags.converters import AudioLayout, converter
 from av_bags.definitions import BagError
 from av_bags.reader import Bag, Row
 from av_bags.timeline import GAP_NS
-from av_common.freshness import FUTURE_S
+from av_common.freshness import CLOCK_TOLERANCE_S, is_of_clock
 from av_common.rig import CAMERAS, camera_topics
 
 SECOND = 10**9  # ns
-# Stamps that are this long before the time of recording, or FUTURE_S after it, belong to another clock; as in fusion_node.
-CLOCK_TOLERANCE_S = 2.0
 SHORTEST = 4  # bytes of a message, those of its encapsulation: the middleware reads beyond the end of shorter ones
 MOST_WAITING = 100    # messages behind a stamp that may be wrong
 MOST_REASONS = 20     # why messages of a topic cannot be read, that are told apart: many name the size of a message
@@ -164,13 +162,13 @@ class Feed:
 
     def _is_of_another_clock(self) -> bool:
         """Whether all stamps are of another clock than the times of recording: nothing is recorded before it was stamped."""
-        offsets = []
+        own = []
         for name, topic in self._topics.items():
             if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
                 _, time_ns, data = next(self._bag.messages([topic]), (None, 0, b''))
                 if data:
-                    offsets.append(stamp_of(data) - time_ns / SECOND)
-        return bool(offsets) and not any(-CLOCK_TOLERANCE_S <= offset <= FUTURE_S for offset in offsets)
+                    own.append(is_of_clock(stamp_of(data), time_ns / SECOND))
+        return bool(own) and not any(own)
 
 
 def _jumps(now: float, time: float) -> bool:

@@ -7,6 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 FUTURE_S = 0.1  # a stamp further ahead than this proves that a clock is wrong
+CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival belongs to another clock, too
 DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: what had been captured by then is 1 s old
 REMEMBERED = 64  # stamps of each kind that never count again: a middleware or a network that sends a message twice does so soon
 
@@ -21,6 +22,17 @@ class Instant(NamedTuple):
 
     steady: float
     ros: float
+
+
+def is_of_clock(stamp: float, arrival: float, oldest: float = CLOCK_TOLERANCE_S) -> bool:
+    """Whether a stamp can be of the clock by which its message arrived.
+
+    Parameters:
+        stamp (s): capture time.
+        arrival (s): time of its arrival.
+        oldest (s): age to which stamps are taken.
+    """
+    return -oldest <= stamp - arrival <= FUTURE_S
 
 
 class CaptureClock:

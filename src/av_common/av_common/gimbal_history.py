@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
-from av_common.freshness import FUTURE_S
+from av_common.freshness import FUTURE_S, is_of_clock
 from av_common.quaternions import Quaternion, between, inverse, product, vector_of
 from av_common.stamps import to_seconds
 from av_common.timeline import Timeline
@@ -111,7 +111,7 @@ class GimbalHistory:
             self._samples.clear()
             self._feedback_arrival = -math.inf
         self._arrival = max(arrival, self._arrival) if arrival > self._arrival - RESTART_S else arrival
-        if not -OLDEST_S <= sample.time - arrival <= FUTURE_S:
+        if not is_of_clock(sample.time, arrival, OLDEST_S):
             raise ValueError(f'stamp {sample.time - arrival:+.2f} s from its arrival, expected {-OLDEST_S:g} to {FUTURE_S:g} s')
         if not sample.measured:
             if not self.has_gap(sample.time):

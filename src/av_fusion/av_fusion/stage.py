@@ -16,7 +16,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.camera import PinholeCamera
 from av_common.cue import CUE_SIGMA, cue_direction
 from av_common.frames import BASE_FRAME
-from av_common.freshness import FUTURE_S
+from av_common.freshness import FUTURE_S, is_of_clock
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.rate_meter import MISSING_AFTER_S
 from av_common.rig import CAMERAS, camera_topic
@@ -26,7 +26,7 @@ from av_common.track_messages import bearing_message, state_message, targets_mes
 from av_fusion.consistency.monitor import ConsistencyMonitor
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, pose_of
 from av_fusion.measurement.geometry import usable_odds
-from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S, InputGate
+from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.measurements import usable_doas
 from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import Tracker, make_tracker
@@ -207,7 +207,7 @@ class FusionStage:
         Raises ValueError for a place that is none, and for a stamp of another clock.
         """
         direction, stamp = cue_direction(message), to_seconds(message.header.stamp)
-        if not -CLOCK_TOLERANCE_S <= stamp - arrival <= FUTURE_S:
+        if not is_of_clock(stamp, arrival):
             raise ValueError(f'stamp of a cue {stamp - arrival:+.2f} s from its arrival')
         if message.header.frame_id == BASE_FRAME or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
             return

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from transforms3d.quaternions import mat2quat
 
 from av_common.frames import BASE_FRAME, attitude_of, checked_orientation
-from av_common.freshness import FUTURE_S
+from av_common.freshness import is_of_clock
 from av_common.gimbal_geometry import (
     BASE_STABILIZED,
     LEVEL,
@@ -165,7 +165,7 @@ class GimbalStage:
             return
         if not (math.isfinite(message.pan) and math.isfinite(message.tilt)):
             raise ValueError(f'pan {message.pan} and tilt {message.tilt} rad, expected finite angles')
-        if not -OLDEST_S <= to_seconds(message.header.stamp) - arrival <= FUTURE_S:
+        if not is_of_clock(to_seconds(message.header.stamp), arrival, OLDEST_S):
             raise ValueError('a command that is not of this time')
         stabilized = message.header.frame_id == BASE_STABILIZED
         if not (stabilized or message.header.frame_id == BASE_FRAME):
@@ -182,7 +182,7 @@ class GimbalStage:
             arrival (s): time of its arrival.
         """
         stamp, q = to_seconds(message.header.stamp), checked_orientation(attitude_of(message.pose.pose.orientation), 'attitude')
-        if not -OLDEST_S <= stamp - arrival <= FUTURE_S:
+        if not is_of_clock(stamp, arrival, OLDEST_S):
             raise ValueError(f'stamp {stamp - arrival:+.2f} s from its arrival')
         if self._posed - OLDEST_S < stamp <= self._posed:
             return None

@@ -20,7 +20,7 @@ from av_bags.topics import Found, absolute, find_topics
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.body_odometry import BodyOdometry
 from av_common.camera import PinholeCamera
-from av_common.freshness import FUTURE_S
+from av_common.freshness import CLOCK_TOLERANCE_S, FUTURE_S
 from av_common.gimbal_history import GimbalHistory, sample_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
@@ -28,7 +28,6 @@ from av_common.rig import CAMERAS, CameraMount, camera_topic, camera_topics, loa
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.pipeline import Pipeline, SensorFrames
 from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
 from av_pointing.stage import make_pointing_stage

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from av_common.freshness import FUTURE_S, SeenStamps
-
-CLOCK_TOLERANCE_S = 2.0  # a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock
+from av_common.freshness import SeenStamps, is_of_clock
 
 
 class InputGate:
@@ -38,7 +36,7 @@ class InputGate:
         """
         is_known = self._seen[name].note(stamp, arrival)
         # A stamp from the future would let the tracker refuse all measurements until then.
-        if not -CLOCK_TOLERANCE_S <= stamp - arrival <= FUTURE_S:
+        if not is_of_clock(stamp, arrival):
             self.foreign_stamps[name] += 1
             return False
         if is_known or name in self.contested:  # the same capture again is no new information

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
 
 from av_common.files import shown
-from av_common.freshness import FUTURE_S
+from av_common.freshness import CLOCK_TOLERANCE_S, FUTURE_S
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
@@ -24,7 +24,6 @@ from av_common.rig import CAMERAS, camera_topic, camera_topics, load_rig
 from av_common.tf_rotations import TfRotations
 from av_common.track import DRONE
 from av_fusion.calibration.sighting_calibration import AT_LIMIT
-from av_fusion.measurement.input_gate import CLOCK_TOLERANCE_S
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import check_sense, make_tracker
