@@ -161,8 +161,6 @@ class SteeredResponse:
         Parameters:
             parts (u, c): clusters by baseline, as steered.
         """
-        if len(self._axes) == 1:
-            return np.asarray(parts.sum(axis=0))
         agreeing = (self._slowness.T * parts.real.sum(axis=1)) @ self._slowness
         axis = eigh(agreeing, self._slowness.T @ self._slowness)[1][:, 0]  # relative to what the array measures
         return np.asarray((self._slowness @ axis) ** 2 @ parts)
@@ -179,7 +177,8 @@ class SteeredResponse:
 
     def _significance_of(self, parts: NDArray) -> float:
         """Significance of a peak of clusters by baseline (u, c), as steered: of all of them, and along each axis."""
-        return min(self._rarity(parts.sum(axis=0)), self._rarity(self._along_weakest_axis(parts)))
+        of_all = self._rarity(parts.sum(axis=0))
+        return of_all if len(self._axes) == 1 else min(of_all, self._rarity(self._along_weakest_axis(parts)))
 
     def _rarity(self, clusters: NDArray) -> float:
         """Significance of clusters (c,), as steered."""
