@@ -190,7 +190,7 @@ def place(given: str) -> list[str]:
 def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     """The bridge from a simulator's UDP streams, and the detector unless the oracle stands in for it. Raises ValueError."""
     require(f'source:={arguments["source"]}', 'av_sim_bridge')
-    from av_sim_bridge.receiving.allowed_senders import LOOPBACK, AllowedSenders  # only where the bridge is installed
+    from av_sim_bridge.receiving.allowed_senders import AllowedSenders  # only where the bridge is installed
     from av_sim_bridge.wire.ports import Ports
     oracle, ports = arguments['oracle'] == 'true', vars(Ports()).values()
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': oracle,
@@ -202,8 +202,8 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
             parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
     given = parameters | (parameters_for(arguments['params'], node.full_name) if arguments['params'] else {})
-    senders = AllowedSenders(given.get('allowed_senders', [str(LOOPBACK)]))
-    senders.check_bind_address(given.get('bind_address', '127.0.0.1'))    # the node would try again and again
+    settings = node_parameters('av_sim_bridge', 'bridge_node', overrides=given)
+    AllowedSenders(settings.allowed_senders).check_bind_address(settings.bind_address)    # the node would try again and again
     return [node] if oracle else [node, *detector_nodes(arguments)]
 
 

@@ -152,6 +152,13 @@ def test_addresses_of_a_simulator_that_cannot_be_are_refused(refused, arguments,
     assert words in refused('source:=udp', 'oracle:=true', *arguments.split())
 
 
+@pytest.mark.parametrize('value', ['192.168.1.20', '[5]', '5'])
+def test_addresses_in_a_parameter_file_that_are_no_list_of_texts_are_refused(refused, tmp_path, value):
+    (tmp_path / 'params.yaml').write_text(f'/**/bridge_node: {{ros__parameters: {{allowed_senders: {value}}}}}')
+    told = refused('source:=udp', 'oracle:=true', 'bind_address:=0.0.0.0', f"params:={tmp_path / 'params.yaml'}")
+    assert 'bridge_node: allowed_senders is ' in told and 'expected string_array' in told
+
+
 def test_addresses_in_a_parameter_file_count(launch_file, tmp_path):
     file = tmp_path / 'params.yaml'
     file.write_text('/**/bridge_node: {ros__parameters: {allowed_senders: [192.168.1.20]}}')
