@@ -35,10 +35,12 @@ def recorded(seconds=8.0, begin=make.EPOCH):
     return rows
 
 
-def write(path, rows, storage=StoragePlugin.MCAP):
-    """A bag of rosbags alone in the order of the rows; returns its one file."""
-    with Writer(path, version=9, storage_plugin=storage) as writer:
-        topics = {}
+def write(path, rows, storage=StoragePlugin.MCAP, compressed=False):
+    """A bag of rosbags alone in the order of the rows, whose messages may be compressed one by one; returns its one file."""
+    writer, topics = Writer(path, version=9, storage_plugin=storage), {}
+    if compressed:
+        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
         for topic, time_ns, message in rows:
             if topic not in topics:
                 topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=make.TYPES)
@@ -148,13 +150,7 @@ def test_one_bad_compressed_file_costs_only_its_own_messages(tmp_path, content, 
 def test_compressed_messages_of_a_killed_recorder_are_read(tmp_path, storage):
     """Metadata, which would tell, are written last."""
     rows = recorded(2.0)
-    writer, topics = Writer(tmp_path / 'bag', version=9, storage_plugin=storage), {}
-    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    with writer:
-        for topic, time_ns, message in rows:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=make.TYPES)
-            writer.write(topics[topic], time_ns, make.cdr(message))
+    write(tmp_path / 'bag', rows, storage, compressed=True)
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
     with Bag(tmp_path / 'bag') as bag:
         assert list(bag.messages()) == keys(rows) and not bag.problems
