@@ -25,20 +25,25 @@ class Situation(NamedTuple):
     """What is reported at a moment.
 
     Parameters:
-        tracks: the targets.
+        stamped: the targets by the clock of their stamps.
         place: where the rig stands; None while unknown.
         problems: what is wrong, in words.
         silent: whether the tracker says nothing at all.
         now (s): UTC since 1970.
-        to_utc (s): what was added to the stamps of the targets for UTC.
+        to_utc (s): what is to be added to the stamps of the targets for UTC.
     """
 
-    tracks: tuple[BearingTrack | PositionTrack, ...]
+    stamped: tuple[BearingTrack | PositionTrack, ...]
     place: Place | None
     problems: tuple[str, ...]
     silent: bool
     now: float
     to_utc: float = 0.0
+
+    @property
+    def tracks(self) -> tuple[BearingTrack | PositionTrack, ...]:
+        """The targets by UTC."""
+        return tuple(later(track, self.to_utc) for track in self.stamped)
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,7 @@ class ReportStage:
             self._take(position_tracks(message), now, to_utc)
 
     def _take(self, tracks: Iterable[BearingTrack | PositionTrack], now: Instant, to_utc: float) -> None:
-        self._tracks = tuple(later(track, to_utc) for track in tracks)
-        self._tracks_arrived, self._to_utc = now.steady, to_utc
+        self._tracks, self._tracks_arrived, self._to_utc = tuple(tracks), now.steady, to_utc
 
     def situation(self, now: Instant, to_utc: float) -> Situation:
         """What is to be reported.
@@ -135,7 +139,8 @@ class ReportStage:
         """
         utc = now.ros + to_utc
         silent = now.steady - self._tracks_arrived > SILENT_S
-        taken = [] if silent else [track for track in self._tracks if is_reported(track, utc, self.settings.only_drones)]
+        taken = [] if silent else [track for track in self._tracks
+                                   if is_reported(later(track, self._to_utc), utc, self.settings.only_drones)]
         taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
         return Situation(tuple(taken), self._place(now), tuple(self._problems(silent)), silent, utc, self._to_utc)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from av_common.geodesy import enu_to_geodetic
-from av_reports.contacts import SENSOR_RANGE_M, BearingTrack, Place, PositionTrack, compass_deg, is_due, later
+from av_reports.contacts import SENSOR_RANGE_M, BearingTrack, Place, PositionTrack, compass_deg, is_due
 from av_reports.stage import Situation
 
 FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',
@@ -88,9 +88,8 @@ class TrackLog:
 
     def report(self, situation: Situation) -> None:
         """Write the tracks that are due."""
-        tracks = [later(track, -situation.to_utc) for track in situation.tracks]
-        self._newest = {track.id: self._newest.get(track.id, -math.inf) for track in tracks}
-        due = [track for track in tracks if is_due(track.time, self._newest[track.id], 1.0)]
+        self._newest = {track.id: self._newest.get(track.id, -math.inf) for track in situation.stamped}
+        due = [track for track in situation.stamped if is_due(track.time, self._newest[track.id], 1.0)]
         self._newest |= {track.id: track.time for track in due}
         try:
             self._write(due, situation.place)
@@ -135,8 +134,7 @@ def _coordinates(latitude: float, longitude: float, altitude: float) -> list[flo
 
 
 def _iso(seconds: float) -> str:
-    rounded = datetime.fromtimestamp(round(seconds, 3), timezone.utc)
-    return rounded.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+    return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec='milliseconds').replace('+00:00', 'Z')
 
 
 def _degrees(angle: float) -> float | None:

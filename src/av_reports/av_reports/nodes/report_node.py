@@ -107,7 +107,7 @@ class ReportNode(RigNode):
         """Report peers, problems and numbers of each output."""
         status.add('outputs', ', '.join(self._outputs) or 'none: nothing leaves this machine')
         situation = self._stage.situation(self._instant(), self._to_utc())
-        status.add('reported targets', str(len(situation.tracks)))
+        status.add('reported targets', str(len(situation.stamped)))
         for name, output in self._outputs.items():
             problem = output.problem()
             if problem:
