@@ -6,6 +6,8 @@ import math
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import islice
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
@@ -161,13 +163,15 @@ class Feed:
         yield from ((segment, now, other) for other in waiting)
 
     def _is_of_another_clock(self) -> bool:
-        """Whether all stamps are of another clock than the times of recording: nothing is recorded before it was stamped."""
+        """Whether all stamps are of another clock than the times of recording: nothing is recorded before it was stamped.
+
+        A stamp of zero tells of none: its publisher has not set it, or a simulation begins.
+        """
         own = []
         for name, topic in self._topics.items():
             if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
-                _, time_ns, data = next(self._bag.messages([topic]), (None, 0, b''))
-                if data:
-                    own.append(is_of_clock(stamp_of(data), time_ns / SECOND))
+                stamps = ((stamp_of(data), time_ns / SECOND) for _, time_ns, data in self._bag.messages([topic]))
+                own += [is_of_clock(*found) for found in islice(filter(itemgetter(0), stamps), 1)]
         return bool(own) and not any(own)
 
 

@@ -433,6 +433,15 @@ def test_the_clock_of_stamps_may_be_set_and_a_single_one_may_be_wrong(tmp_path):
     assert arrivals[:90].max() < 5010.0 and 9_000_000.0 < arrivals[90:].min() < arrivals[90:].max() < 9_000_010.0
 
 
+@pytest.mark.parametrize('rate', [0.0, 1.0])
+def test_stamps_that_were_not_set_tell_of_no_clock(tmp_path, rate):
+    """All of them are zero: what was recorded has the times of recording. A simulation begins with one that is."""
+    write(tmp_path / 'bag', [('/odometry', START + k * SECOND // 20, make.odometry(0.05 * rate * k)) for k in range(40)])
+    with Bag(tmp_path / 'bag') as bag:
+        arrivals = [one.arrival for one in Feed(bag, {'odometry': '/odometry'})]
+    assert arrivals == pytest.approx([0.05 * k + (0.0 if rate else make.EPOCH) for k in range(40)], abs=1e-6)
+
+
 @pytest.mark.parametrize('start', [0.0, 0.52])
 def test_what_comes_before_the_first_stamp_has_its_time(tmp_path, start):
     rows = []
