@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import socket
+import socketserver
+import threading
+from contextlib import suppress
 
 import pytest
 
@@ -212,3 +216,37 @@ def test_what_is_shown_fades_while_the_connection_is_lost():
         rig.show()
         assert phone.wait_for(f'!({faded}) && state !== null')
         rig.server.stop()
+
+
+class Proxy(socketserver.ThreadingTCPServer):
+    """A web server that passes on what is below /rig/, by connections of one request each."""
+
+    daemon_threads = True
+
+    class RequestHandlerClass(socketserver.BaseRequestHandler):
+        def handle(self):
+            with socket.create_connection(('127.0.0.1', self.server.behind)) as behind:
+                asked = self.request.recv(65536)
+                assert asked.startswith(b'GET /rig/')
+                behind.sendall(asked.replace(b'/rig/', b'/', 1))
+                threading.Thread(target=self.pass_on, args=(self.request, behind), daemon=True).start()
+                self.pass_on(behind, self.request)
+
+        @staticmethod
+        def pass_on(source, target):
+            with suppress(OSError):    # either may have ended
+                while data := source.recv(65536):
+                    target.sendall(data)
+                target.shutdown(socket.SHUT_RDWR)
+
+    def __init__(self, behind):
+        super().__init__(('127.0.0.1', 0), self.RequestHandlerClass)
+        self.behind = behind
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+
+def test_the_page_may_be_below_a_path_of_another_web_server(rig):
+    with Proxy(rig.server.port) as proxy, Browser(find_browser()) as browser:
+        browser.open(f'http://127.0.0.1:{proxy.server_address[1]}/rig/#{rig.address.partition("#")[2]}')
+        assert browser.wait_for('typeof permitted !== "undefined" && permitted')
+        proxy.shutdown()

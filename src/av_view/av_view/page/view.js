@@ -17,7 +17,7 @@ const answers = new Map(), tails = new Map(), mapTails = new Map();
 function connect() {
   clearTimeout(retry);
   if (document.hidden || socket?.readyState < 2) return;
-  const made = socket = new WebSocket(`ws://${location.host}/feed`, token ? ['rig', token] : ['rig']);
+  const made = socket = new WebSocket(new URL('feed', location.href).href.replace(/^http/, 'ws'), token ? ['rig', token] : ['rig']);
   socket.binaryType = 'blob';
   socket.onopen = () => ask('watch', chosen === null ? {} : { rig: chosen });
   socket.onmessage = event => typeof event.data === 'string' ? take(JSON.parse(event.data)) : showPicture(event.data);
