@@ -167,11 +167,11 @@ class RigState:
     def _fresh(self, what: str, now: float) -> Any:
         """The newest message of what is asked for; None without one of the last STALE_S."""
         message = self.newest.get(what)
-        return None if message is None or now - to_seconds(message.header.stamp) > STALE_S else message
+        return message if message is not None and _is_recent(to_seconds(message.header.stamp), now) else None
 
     def _picture_part(self, now: float) -> dict[str, Any] | None:
         """What is drawn on the picture, of the time at which it was taken."""
-        if self._picture is None or now - self._picture[0] > PICTURE_STALE_S:
+        if self._picture is None or not _is_recent(self._picture[0], now, PICTURE_STALE_S):
             return None
         time, size, detections = self._picture
         bearing, heard = _nearest(self._bearings, time), _nearest(self._heard, time) or ()
@@ -301,9 +301,9 @@ def _posterior_part(message: Any) -> list[float]:
     return [round(float(value), 3) for value in np.asarray(message.probability, float) / most] if most > 0.0 else []
 
 
-def _is_recent(arrival: float, now: float) -> bool:
-    """Whether something arrived (s) within the last STALE_S; not before the start of another bag, either."""
-    return abs(now - arrival) <= STALE_S
+def _is_recent(time: float, now: float, most: float = STALE_S) -> bool:
+    """Whether something is of the last moments (s); what is of a later time is of a bag before, or of another clock."""
+    return abs(now - time) <= most
 
 
 def _sigma(variance: float) -> float | None:

@@ -37,13 +37,16 @@ def test_a_bearing_in_degrees():
     assert state.snapshot(NOW)['heading'] == pytest.approx(math.degrees(0.4), abs=0.06)
 
 
-def test_a_bearing_that_comes_no_more_is_not_shown_as_the_present_one():
+@pytest.mark.parametrize('later', [5.0, -50.0])
+def test_a_bearing_that_comes_no_more_is_not_shown_as_the_present_one(later):
+    """Also that of a bag in whose place one of an earlier time is played, without targets and pictures."""
     state = RigState()
     state.on_bearing(bearing(), NOW)
     state.take('fusion', FusionState(header=bearing().header, reason='heard'))
-    assert state.snapshot(NOW + 0.5)['fusion']['reason'] == 'heard'
-    snapshot = state.snapshot(NOW + 5.0)
-    assert snapshot['bearing'] is None and snapshot['fusion'] is None and snapshot['delay'] is None
+    state.on_picture(NOW - 0.1, (640, 480), None)
+    assert state.snapshot(NOW + 0.5)['fusion']['reason'] == 'heard' and state.snapshot(NOW + 0.5)['picture']
+    snapshot = state.snapshot(NOW + later)
+    assert not any(snapshot[part] for part in ('bearing', 'fusion', 'delay', 'picture'))
 
 
 def test_sound_and_truth_that_come_no_more_are_not_shown_as_the_present_ones():
