@@ -3,7 +3,7 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'contacts': 'BearingTrack PositionTrack',
+    'contacts': 'BearingTrack Follow LookAt Place PositionTrack Stop',
     'stage': 'ReportSettings ReportStage Situation',
     'track_log': 'TrackLog',
 })

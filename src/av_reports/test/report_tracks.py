@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from av_reports.contacts import BearingTrack, PositionTrack
+from av_reports import BearingTrack, PositionTrack
 
 NOW = 1_700_000_000.25
 

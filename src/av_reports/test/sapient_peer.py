@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 import struct
 
 from link_peer import LONG_S, exactly
 from report_tracks import NOW
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from wire_decoder import fields
 
-from av_reports.identifiers import new_ulid
-from av_reports.sapient.protocol import SapientMessage, Task
+from av_reports.sapient.stage import SapientStage
 from av_reports.settings import SapientSettings
 
 START_S = 180.0  # of a rig on a busy machine
 NODE, FUSION_NODE = '6ba7b810-9dad-41d1-80b4-00c04fd430c8', '0f0e0d0c-0b0a-4908-8706-050403020100'
 SETTINGS = SapientSettings(NODE, obey_tasks=True)
+_NUMBERS = itertools.count()
+
+
+def new_ulid():
+    """A text of 26 characters of Crockford's base 32, that no other is."""
+    return f'{next(_NUMBERS):026d}'
 
 
 def from_fusion_node(destination=NODE, node_id=FUSION_NODE, **content):
@@ -29,7 +37,15 @@ def acknowledgement(acceptance=True, reasons=()):
 
 
 def task(control=Task.CONTROL_START, task_id=None, **content):
-    return from_fusion_node(task=Task(task_id=task_id or new_ulid(NOW), control=control, **content))
+    return from_fusion_node(task=Task(task_id=task_id or new_ulid(), control=control, **content))
+
+
+def accepted(settings=SETTINGS):
+    """A stage that a fusion node has accepted."""
+    stage = SapientStage(settings)
+    stage.on_connected(NOW)
+    stage.on_message(acknowledgement(), None, NOW)
+    return stage
 
 
 class FusionNode:

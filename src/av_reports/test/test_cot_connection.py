@@ -9,6 +9,7 @@ import ssl
 import struct
 import subprocess
 import time
+import uuid
 from contextlib import closing
 from functools import partial
 
@@ -16,6 +17,7 @@ import pytest
 from link_peer import LONG_S, exactly, wait_for, without_pauses
 
 from av_reports.cot.connection import CotAddress, check_address, connect
+from av_reports.identifiers import node_uuid
 from av_reports.link import Link
 
 pytestmark = pytest.mark.system
@@ -148,3 +150,15 @@ def test_tls_needs_its_files(keys):
     check_address(secured(keys, 8089, 'own'))
     with pytest.raises(ValueError, match='cot.client_key'):
         check_address(secured(keys, 8089, 'own')._replace(client_key='nowhere.key'))
+
+
+def test_a_node_keeps_the_uuid_it_has_drawn(tmp_path, monkeypatch):
+    """Version 4, which is all that the middleware takes; another node has another one, and rubbish is named."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'home'))
+    file, first = tmp_path / 'home' / 'av_reports' / 'left.report_node.uuid', node_uuid('/left/report_node')
+    assert node_uuid('/left/report_node') == first == file.read_text().strip()
+    assert uuid.UUID(first).version == 4 and uuid.UUID(first).variant == uuid.RFC_4122
+    assert node_uuid('/right/report_node') != first and len(list(file.parent.iterdir())) == 2
+    file.write_text(str(uuid.uuid5(uuid.NAMESPACE_DNS, 'rig')))
+    with pytest.raises(ValueError, match='expected a UUID of version 4: delete the file'):
+        node_uuid('/left/report_node')

@@ -1,4 +1,4 @@
-"""Messages of the rig as plain data: azimuths of a compass, unknown values, and what is left out."""
+"""Messages of the rig in, what is reported out: azimuths of a compass, unknown values, and what is left out."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from std_msgs.msg import Header
 from av_common.freshness import Instant
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, FusionState, Track, TrackArray, WorldTrack, WorldTrackArray
-from av_reports.contacts import Place, is_reported
-from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
+from av_reports import Place
 from av_reports.stage import MOST_TRACKS, SILENT_S, ReportSettings, ReportStage
 
 TIME = 1000.0
@@ -28,31 +27,45 @@ def targets(**values):
     return TrackArray(header=Header(stamp=to_stamp(TIME)), tracks=[track])
 
 
+def bearings(message, attitude_known=True, **settings):
+    """What is reported of a rig's targets."""
+    stage = ReportStage(ReportSettings(**settings))
+    stage.on_bearing(Bearing(attitude_known=attitude_known))
+    stage.on_targets(message, Instant(0.0, TIME), 0.0)
+    return stage.situation(Instant(0.1, TIME), 0.0).tracks
+
+
+def positions(message, **settings):
+    """What is reported of the targets of a network."""
+    stage = ReportStage(ReportSettings(positions=True, **settings))
+    stage.on_network_tracks(message, Instant(0.0, TIME), 0.0)
+    return stage.situation(Instant(0.1, TIME), 0.0).tracks
+
+
 def test_azimuths_are_clockwise_from_north_from_a_known_heading_or_from_ahead():
     message = targets()
-    world, = bearing_tracks(message, None, True)
+    world, = bearings(message, heading=math.radians(10.0))
     assert world.azimuth == pytest.approx(math.pi / 2 - 0.2) and world.north
-    surveyed, = bearing_tracks(message, math.radians(10.0), True)
+    surveyed, = bearings(message, attitude_known=False, heading=math.radians(10.0))
     assert surveyed.azimuth == pytest.approx((math.radians(10.0) - 0.5) % math.tau)
-    ahead, = bearing_tracks(message, None, False)
+    ahead, = bearings(message, north=False)
     assert ahead.azimuth == pytest.approx(math.tau - 0.5) and not ahead.north
 
 
 def test_the_error_of_the_azimuth_grows_with_the_elevation():
-    track, = bearing_tracks(targets(), None, True)
+    track, = bearings(targets())
     assert track.azimuth_sigma == pytest.approx(0.02 / 0.5, rel=1e-3) and track.elevation_sigma == pytest.approx(0.03, rel=1e-3)
-    steep, = bearing_tracks(targets(elevation_world=math.pi / 2), None, True)
+    steep, = bearings(targets(elevation_world=math.pi / 2))
     assert steep.azimuth_sigma <= math.pi
 
 
 def test_what_is_unknown_is_nan_and_what_is_meaningless_is_left_out():
-    pair, = bearing_tracks(targets(covariance_world=np.array([4e-4, 0, 0, math.inf], np.float32)), None, True)
+    pair, = bearings(targets(covariance_world=np.array([4e-4, 0, 0, math.inf], np.float32)))
     assert math.isnan(pair.elevation) and pair.azimuth_sigma == pytest.approx(0.02, rel=1e-3)
     for bad in ({'azimuth_world': math.nan}, {'covariance_world': np.full(4, math.inf, np.float32)}, {'existence': math.nan},
                 {'covariance_world': np.full(4, -1.0, np.float32)}):
-        assert list(bearing_tracks(targets(**bad), None, True)) == []
-    odd, = bearing_tracks(targets(hemisphere_probability=math.nan, drone_probability=7.0, elevation_world=100.0,
-                                  class_id='x' * 5000), None, True)
+        assert bearings(targets(**bad)) == ()
+    odd, = bearings(targets(hemisphere_probability=math.nan, drone_probability=7.0, elevation_world=100.0, class_id='x' * 5000))
     assert odd.front_back == 0.5 and math.isnan(odd.drone_probability) and math.isnan(odd.elevation) and len(odd.class_id) == 64
 
 
@@ -71,9 +84,8 @@ def test_times_are_utc_and_stay_as_they_arrived():
     ({'last_heard': to_stamp(0.0)}, False),
 ])
 def test_what_is_reported(values, taken):
-    track, = bearing_tracks(targets(**values), None, True)
-    assert is_reported(track, TIME) is taken
-    assert is_reported(track, TIME, only_drones=False) is (taken or values.get('drone_probability') == 0.3)
+    assert bool(bearings(targets(**values))) is taken
+    assert bool(bearings(targets(**values), only_drones=False)) is (taken or values.get('drone_probability') == 0.3)
 
 
 def network(**values):
@@ -87,13 +99,12 @@ def network(**values):
 
 
 def test_positions_of_a_network_are_on_the_earth():
-    track, = position_tracks(network())
+    track, = positions(network())
     assert track.latitude - 51.5 == pytest.approx(1000.0 / 111258.0, rel=1e-4) and track.longitude == pytest.approx(-0.12)
     assert track.altitude == pytest.approx(80.0 + 1000.0**2 / (2 * 6.37e6), abs=0.01)    # the earth falls away by d^2 / 2R
     assert np.array(track.covariance) == pytest.approx(np.diag([4.0, 9.0, 1.0]), abs=1e-2)
     assert track.velocity == pytest.approx((3.0, -1.0, 0.5), abs=1e-3)
     assert track.velocity_sigma == pytest.approx((0.2, 0.3, 0.1))
-    assert is_reported(track, TIME)
 
 
 def test_positions_that_are_none_are_left_out_or_refused():
@@ -101,29 +112,34 @@ def test_positions_that_are_none_are_left_out_or_refused():
                    {'velocity': Vector3(x=1e300)}, {'position_covariance': np.diag([1e300, 1.0, 1.0]).ravel()},
                    {'existence': math.inf},
                    {'position_covariance': np.diag([4.0, -9.0, 1.0]).ravel()}):
-        assert list(position_tracks(network(**values))) == []
-    odd, = position_tracks(network(drone_probability=math.inf, class_id='x' * 5000))
+        assert positions(network(**values)) == ()
+    odd, = positions(network(drone_probability=math.inf, class_id='x' * 5000))
     assert math.isnan(odd.drone_probability) and len(odd.class_id) == 64
-    flat, = position_tracks(network(position_covariance=np.diag([4.0, 0.0, 0.0]).ravel()))
+    flat, = positions(network(position_covariance=np.diag([4.0, 0.0, 0.0]).ravel()))
     assert flat.sigma == pytest.approx((2.0, 0.0, 0.0), abs=1e-2)
     nowhere = network()
     nowhere.latitude = math.nan
     with pytest.raises(ValueError, match="origin of 'map'"):
-        list(position_tracks(nowhere))
+        positions(nowhere)
 
 
 def test_a_fix_is_a_place():
+    def placed():
+        stage.on_fix(fix, Instant(0.0, TIME))
+        return stage.situation(Instant(0.1, TIME), 0.0).place
+
     fix = NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_FIX), latitude=51.5, longitude=-0.12, altitude=30.0,
                     position_covariance=np.diag([2.25, 2.25, 9.0]).ravel(),
                     position_covariance_type=NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN)
-    assert place_of_fix(fix) == (51.5, -0.12, 30.0, 1.5, False)
+    stage = ReportStage(ReportSettings())
+    assert placed() == (51.5, -0.12, 30.0, 1.5, False)
     fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
-    assert math.isnan(place_of_fix(fix).sigma)
+    assert math.isnan(placed().sigma)
     lost = NavSatStatus(status=NavSatStatus.STATUS_NO_FIX)
     for name, value in (('latitude', math.nan), ('latitude', 91.0), ('longitude', 1e300), ('status', lost)):
         setattr(fix, name, value)
         with pytest.raises(ValueError, match='no fix'):
-            place_of_fix(fix)
+            placed()
         fix.latitude, fix.longitude = 51.5, -0.12
 
 

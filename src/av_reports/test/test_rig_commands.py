@@ -8,7 +8,7 @@ import pytest
 from rclpy.task import Future
 
 from av_interfaces.srv import SelectTarget
-from av_reports.contacts import Follow, LookAt, Stop
+from av_reports import Follow, LookAt, Stop
 from av_reports.nodes.rig_commands import BY_POLICY, RigCommands
 
 NORTH = LookAt(0.0, 0.0, True)

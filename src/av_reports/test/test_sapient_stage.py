@@ -9,19 +9,19 @@ import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
 from report_tracks import NOW, bearing, position
-from sapient_peer import FUSION_NODE, NODE, acknowledgement, from_fusion_node, task
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
+from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
+from sapient_peer import FUSION_NODE, NODE, accepted, acknowledgement, from_fusion_node, new_ulid, task
 
-from av_reports.contacts import Follow, LookAt, Place, Stop
-from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
-from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
-from av_reports.sapient.registration import registration_message
+from av_reports import Follow, LookAt, Place, Stop
 from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, SapientStage
-from av_reports.sapient.tasks import LONGEST_S
 from av_reports.settings import SapientSettings
 
 PLACE = Place(51.5, -0.12, 30.0)
+HOUR_S = 3600.0    # of a task without an end
 NORTH = {'range_bearing': {'azimuth': 0.0, 'elevation': 10.0, 'coordinate_system': 1, 'datum': 1}}
-FIELD = {'type': 1, 'region_id': new_ulid(NOW), 'region_name': 'field', 'region_area': NORTH}
+FIELD = {'type': 1, 'region_id': new_ulid(), 'region_name': 'field', 'region_area': NORTH}
 ACCEPTED, REJECTED, COMPLETED, FAILED = 1, 2, 3, 4
 
 
@@ -45,9 +45,7 @@ def acks(reaction):
 @pytest.fixture
 def stage(request):
     """A stage that a fusion node has accepted, and that has reported tracks 3 and 4."""
-    stage = SapientStage(SapientSettings(NODE, obey_tasks=getattr(request, 'param', True)))
-    stage.on_connected(NOW)
-    stage.on_message(acknowledgement(), PLACE, NOW)
+    stage = accepted(SapientSettings(NODE, obey_tasks=getattr(request, 'param', True)))
     stage.on_tracks([bearing(3), bearing(4)], NOW)
     return stage
 
@@ -144,7 +142,8 @@ def test_a_changed_task_is_told_at_once(stage):
 
 def test_the_region_that_is_offered_is_obeyed(stage):
     """An area of interest that is a direction: the registration names no other kind."""
-    offered = registration_message(SapientSettings(NODE, obey_tasks=True)).mode_definition[0].task.region_definition
+    registered, = read(SapientStage(SapientSettings(NODE, obey_tasks=True)).on_connected(NOW))
+    offered = registered.registration.mode_definition[0].task.region_definition
     assert list(offered.region_type) == [1] and [area.WhichOneof('coordinates_oneof') for area in offered.region_area] == [
         'range_bearing_units']
     command, answer = begin(stage, region=[FIELD])
@@ -156,12 +155,22 @@ def test_positions_are_reported_likewise(stage):
     assert report.detection_report.WhichOneof('location_oneof') == 'location'
 
 
-def test_object_ids_are_forgotten_with_their_tracks():
-    objects = ObjectIds()
-    first = objects.ulid(1, NOW)
-    assert objects.ulid(1, NOW + FORGET_S - 1.0) == first and objects.track(first.lower()) == 1
-    assert objects.ulid(2, NOW + 3 * FORGET_S) != first and objects.track(first) is None
-    assert objects.ulid(1, NOW + 3 * FORGET_S) != first
+def test_object_ids_are_forgotten_a_minute_after_their_tracks(stage):
+    def name(after):
+        found, = [one.detection_report.object_id for one in read(stage.on_tracks([bearing(3)], NOW + after))
+                  if one.detection_report.state != 'lost']
+        stage.on_tracks([], NOW + after + 1.0)
+        return found
+
+    first = name(1.0)
+    assert name(60.0) == first and name(122.5) != first
+    _, refused = begin(stage, now=NOW + 130.0, command={'look_at': NORTH}), stage.on_message(
+        task(command={'follow': {'follow_object_id': first}}), PLACE, NOW + 130.0)
+    assert acks(refused) == [(REJECTED, f'{first!r} is no object that is tracked')]
+
+
+def test_names_of_objects_are_read_in_small_letters_too(stage):
+    assert begin(stage, command={'follow': {'follow_object_id': object_id(stage, 4).lower()}})[0] == Follow(4)
 
 
 @pytest.mark.parametrize('stage', [False], indirect=True)
@@ -203,12 +212,12 @@ def test_look_at_turns_directions_and_places_into_azimuths_from_north(stage):
 
 
 @pytest.mark.parametrize('content, reason', [
-    ({'command': {'follow': {'follow_object_id': new_ulid(NOW)}}}, 'is no object that is tracked'),
+    ({'command': {'follow': {'follow_object_id': new_ulid()}}}, 'is no object that is tracked'),
     ({'command': {'move_to': {'locations': [{'x': 0.0, 'y': 0.0, 'coordinate_system': 1, 'datum': 1}]}}},
      'move_to is not supported'),
     ({'command': {'request': 'fire'}}, "'fire' is not supported, only Registration and Status"),
     ({'region': [{**FIELD, 'type': 2}]}, 'one area of interest'),
-    ({'region': [FIELD], 'command': {'follow': {'follow_object_id': new_ulid(NOW)}}}, 'one area of interest'),
+    ({'region': [FIELD], 'command': {'follow': {'follow_object_id': new_ulid()}}}, 'one area of interest'),
     ({}, 'without a command is not supported'),
     ({'command': {'look_at': {'range_bearing': {'azimuth': 0.0, 'coordinate_system': 1, 'datum': 2}}}}, 'true north'),
     ({'command': {'look_at': {'range_bearing': {'elevation': 0.0, 'coordinate_system': 1, 'datum': 1}}}}, 'no azimuth'),
@@ -237,13 +246,13 @@ def test_a_place_is_no_direction_for_a_rig_that_does_not_know_where_it_stands(st
 
 def test_a_task_ends_by_a_stop_by_its_time_and_with_the_connection(stage):
     follow = {'follow': {'follow_object_id': object_id(stage, 3)}}
-    name = new_ulid(NOW)
+    name = new_ulid()
     begin(stage, task_id=name, command=follow)
     stopped = stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW + 1)
     assert acks(stopped) == [(COMPLETED, 'stopped')] and stopped.command == Stop()
     begin(stage, command=follow)
-    assert stage.on_time(*health(), NOW + LONGEST_S - 1.0).command is None
-    over = stage.on_time(*health(), NOW + LONGEST_S)
+    assert stage.on_time(*health(), NOW + HOUR_S - 1.0).command is None
+    over = stage.on_time(*health(), NOW + HOUR_S)
     assert acks(over) == [(COMPLETED, 'its time is over')] and over.command == Stop()
     begin(stage, command=follow)
     assert stage.on_disconnected().command == Stop() and stage.desk.active is None
@@ -258,7 +267,7 @@ def test_a_refused_registration_ends_the_task_and_allows_none(stage):
 
 def test_a_task_that_is_stopped_while_it_begins_leaves_the_former_one(stage):
     """The rig may have obeyed already."""
-    follow, name = {'follow': {'follow_object_id': object_id(stage, 4)}}, new_ulid(NOW)
+    follow, name = {'follow': {'follow_object_id': object_id(stage, 4)}}, new_ulid()
     for former, left in ((None, Stop()), (NORTH, LookAt(0.0, pytest.approx(math.radians(10.0)), True))):
         if former:
             begin(stage, command={'look_at': former})
@@ -269,7 +278,7 @@ def test_a_task_that_is_stopped_while_it_begins_leaves_the_former_one(stage):
 
 
 def test_a_task_that_ends_while_another_begins_stops_nothing_until_that_is_refused(stage):
-    name = new_ulid(NOW)
+    name = new_ulid()
     begin(stage, task_id=name, command={'look_at': NORTH})
     asked = stage.on_message(task(command={'follow': {'follow_object_id': object_id(stage, 4)}}), PLACE, NOW)
     assert stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW).command is None
@@ -298,14 +307,14 @@ def test_a_clock_that_is_set_back_silences_nothing(stage):
 def test_who_asked_for_a_task_is_told_of_its_end(stage):
     other = '00000000-0000-4000-8000-000000000001'
     begin(stage, command={'look_at': NORTH})
-    refused = stage.on_message(from_fusion_node(node_id=other, task=Task(task_id=new_ulid(NOW), control=1)), PLACE, NOW)
-    over = stage.on_time(*health(), NOW + LONGEST_S)
+    refused = stage.on_message(from_fusion_node(node_id=other, task=Task(task_id=new_ulid(), control=1)), PLACE, NOW)
+    over = stage.on_time(*health(), NOW + HOUR_S)
     assert [message.destination_id for reaction in (refused, over) for message in read(reaction)
             if message.HasField('task_ack')] == [other, FUSION_NODE]
 
 
 def test_messages_for_others_are_not_answered(stage):
-    other = from_fusion_node('00000000-0000-4000-8000-000000000001', task=Task(task_id=new_ulid(NOW), control=1))
+    other = from_fusion_node('00000000-0000-4000-8000-000000000001', task=Task(task_id=new_ulid(), control=1))
     assert stage.on_message(other, PLACE, NOW) == ((), None) and stage.counts['messages for others'] == 1
 
 
@@ -316,4 +325,3 @@ def test_unusable_messages_are_answered_once_a_second_with_a_piece_of_them(stage
     assert 'task.task_id is missing' in stage.complaint(NOW + 0.5) and stage.counts['unusable messages'] == 2
     error, = read(stage.on_message(b'\x00', PLACE, NOW + 1.0))
     assert error.WhichOneof('content') == 'error'
-    assert TaskAck.TASK_STATUS_FAILED == FAILED

@@ -45,7 +45,7 @@ class Access:
         host, origin = list(hosts), list(origins)
         if len(host) != 1 or not self._is_known(host[0]):
             return f'Host is {", ".join(host)[:80]!r}, expected an address, localhost or a name of allowed_hosts'
-        if len(origin) > 1 or not {one.lower() for one in origin} <= {f'{how}://{host[0].lower()}' for how in ('http', 'https')}:
+        if len(origin) > 1 or not {*map(str.lower, origin)} <= {f'{how}://{host[0].lower()}' for how in ('http', 'https')}:
             return f'Origin is {", ".join(origin)[:80]!r}, expected the page of this server'
         return ''
 
