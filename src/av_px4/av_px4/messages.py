@@ -17,6 +17,7 @@ from av_px4.external_mode import MODE_NAME, Configure, Registration
 from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
+ARMED, ARMING_STATES = 2, 5   # arming_state, and the last that exists: PX4 1.14 has 0 and 3 to 5 for the ground, too
 MODE_NEEDS = ('mode_req_angular_velocity', 'mode_req_attitude', 'mode_req_local_alt', 'mode_req_local_position',
               'mode_req_prevent_arming')
 CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 'attitude', 'rates', 'allocation')
@@ -26,10 +27,10 @@ SETPOINT_TIMEOUT_MS = 500     # without setpoints, after which PX4 1.18 takes ov
 
 def status_from(message: Any) -> VehicleStatus:
     """The status in a VehicleStatus. Raises ValueError for impossible values, the sign of another message version."""
-    if message.arming_state not in (1, 2) or message.nav_state > 31:
+    if message.arming_state > ARMING_STATES or message.nav_state > 31:
         raise ValueError(f'vehicle_status has arming_state {message.arming_state} and nav_state {message.nav_state}, which '
                          'do not exist: px4_msgs is not of the firmware\'s version')
-    return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1,
+    return VehicleStatus(message.nav_state, message.arming_state == ARMED, message.failsafe, message.system_id or 1,
                          message.nav_state_user_intention, message.nav_state_timestamp)
 
 

@@ -11,8 +11,6 @@ from av_common.freshness import Instant
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
-from av_px4.gimbal import Claim
-from av_px4.odometry import RADIANS_PER_RPM
 from av_px4.stage import MODE_MESSAGES, MOTORS_TOPIC, NO_MODE, ODOMETRY_TOPIC, STATE_TOPIC, Px4Stage
 
 HOLD, OFFBOARD = 4, 14
@@ -40,7 +38,8 @@ class Rig:
     def __init__(self, gimbal=None, **changes):
         self.stage = Px4Stage(parameters(**{'offboard': True, 'external_mode': False} | changes), MESSAGES, gimbal)
         self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
-        self.attitude = LEVEL
+        self.attitude, self.armed = LEVEL, 2
+        self.place, self.resets, self.shift, self.valid = [0.0, 0.0, -2.0], (0, 0), (0.0, 0.0, 0.0), True
         self.stage.start(self.now)
 
     @property
@@ -52,7 +51,7 @@ class Rig:
         self.run(1.0)
         self.nav_state = OFFBOARD
 
-    def run(self, seconds, **command):
+    def run(self, seconds, frame='', **command):
         for step in range(round(seconds * 50)):
             self.time += 0.02
             self.vehicle(step)
@@ -61,6 +60,7 @@ class Rig:
                 bearing, pointing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE), PointingCommand(
                     **{'mode': PointingCommand.MODE_TRACK, 'move_gimbal': True, 'move_body': True} | command)
                 bearing.header.stamp = bearing.measured = pointing.header.stamp = stamp
+                pointing.header.frame_id = frame
                 self.take('bearing', bearing)
                 self.take('command', pointing)
             self.sent += [(self.time, *out) for out in self.stage.on_time(self.now)]
@@ -70,15 +70,23 @@ class Rig:
         self.take('vehicle_odometry', Message(
             timestamp=stamp, timestamp_sample=stamp, position=[0.0, 0.0, -2.0], velocity=[0.0] * 3, angular_velocity=[0.0] * 3,
             pose_frame=1, velocity_frame=1, q=self.attitude, reset_counter=0))
-        self.take('vehicle_local_position', Message(xy_valid=True, z_valid=True, x=0.0, y=0.0, z=-2.0, xy_reset_counter=0,
-                                                    z_reset_counter=0, delta_xy=[0.0, 0.0], delta_z=0.0))
+        x, y, z = self.place
+        self.take('vehicle_local_position', Message(
+            xy_valid=self.valid, z_valid=True, x=x, y=y, z=z, xy_reset_counter=self.resets[0], z_reset_counter=self.resets[1],
+            delta_xy=self.shift[:2], delta_z=self.shift[2]))
         if step % 25 == 0:
-            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=2, failsafe=False, system_id=7,
+            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=self.armed, failsafe=False, system_id=7,
                                                 nav_state_user_intention=self.nav_state, nav_state_timestamp=0))
 
     def take(self, name, message):
         if name not in self.silent:
             self.sent += [(self.time, *out) for out in getattr(self.stage, f'on_{name}')(message, self.now)]
+
+    def point(self, seconds, frame='', **command):
+        """Run, and acknowledge each command."""
+        for _ in range(round(seconds * 50)):
+            self.run(0.02, frame, **command)
+            self.acknowledge()
 
     def acknowledge(self):
         commands = [message for _, topic, message in self.sent if topic == 'vehicle_command']
@@ -226,7 +234,7 @@ def test_the_gimbal_is_claimed_pointed_once_it_is_acknowledged_and_given_back():
     assert [message.command for message in claim] == [1001] and claim[0].source_component == 191
     rig.acknowledge()
     rig.run(0.5, pan=0.5)
-    assert rig.stage.gimbal.claim is Claim.OWNED and rig.of('vehicle_command')[-1].param2 < 0.0    # yaw is to the right
+    assert rig.stage.gimbal.state == 'owned' and rig.of('vehicle_command')[-1].param2 < 0.0    # yaw is to the right
     last = [out for out in rig.stage.stop(rig.now) if out.topic == 'vehicle_command']
     assert [message.param1 for _, message in last] == [-3.0]
 
@@ -338,8 +346,9 @@ def test_the_state_says_that_px4_reads_no_heartbeat():
 
 
 def test_a_message_of_another_firmware_is_refused():
-    with pytest.raises(ValueError, match='px4_msgs'):
-        Rig().stage.on_vehicle_status(Message(nav_state=200, arming_state=2), Instant(0.0, 0.0))
+    for nav_state, arming_state in ((200, 2), (4, 6)):
+        with pytest.raises(ValueError, match='px4_msgs'):
+            Rig().stage.on_vehicle_status(Message(nav_state=nav_state, arming_state=arming_state), Instant(0.0, 0.0))
 
 
 def test_an_external_mode_needs_messages_that_the_firmware_has():
@@ -353,7 +362,7 @@ def esc(rpm, online):
 
 
 def test_the_motors_speeds_are_those_that_are_measured_and_else_those_that_are_commanded():
-    rig = Rig(**{'motors.full_rpm': 1000.0 / RADIANS_PER_RPM})
+    rig = Rig(**{'motors.full_rpm': 1000.0 * 60.0 / math.tau})
     commands = Message(control=[0.0, 0.5, 1.0, math.nan, math.nan])
     rig.take('actuator_motors', commands)
     assert list(rig.of(MOTORS_TOPIC)[-1].data) == [0.0, 500.0, 1000.0]
@@ -366,6 +375,29 @@ def test_the_motors_speeds_are_those_that_are_measured_and_else_those_that_are_c
     rig.run(0.5)
     rig.take('actuator_motors', commands)
     assert len(rig.of(MOTORS_TOPIC)) == 3
+
+
+def test_controllers_without_telemetry_do_not_hide_what_is_commanded():
+    """PX4 sends esc_status all the same, with none of them online."""
+    rig = Rig(**{'motors.full_rpm': 6000.0})
+    for _ in range(20):
+        rig.run(0.02)
+        rig.take('esc_status', esc([0] * 4, 0))
+        rig.take('actuator_motors', Message(control=[0.5] * 4))
+    sent = rig.of(MOTORS_TOPIC)
+    assert len(sent) == 20 and all(list(message.data) == pytest.approx([100.0 * math.pi] * 4) for message in sent)
+
+
+@pytest.mark.parametrize('armed', [0, 1, 3, 4, 5])
+def test_on_the_ground_the_gimbal_points_and_nothing_turns(armed):
+    """PX4 1.14 has states of arming that later ones do not: initial, in error, shutting down."""
+    rig = Rig()
+    rig.armed = armed
+    rig.hand_over()
+    rig.point(1.0, pan=0.5, yaw_rate=0.3)
+    assert rig.of('vehicle_command')[-1].param2 == pytest.approx(-math.degrees(0.5), abs=0.1)
+    assert rig.stage.decision.reason == 'not armed'
+    assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint'))
 
 
 def test_without_the_speed_at_full_command_commands_tell_nothing():
