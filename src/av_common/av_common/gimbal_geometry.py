@@ -83,7 +83,31 @@ def angles_of_command(gimbal: GimbalMount, pan: float, tilt: float, stabilized: 
         level = stabilized_to_body(attitude_wxyz)
         sight = level @ sight if stabilized else level.T @ sight
     turned, raised = _angles(gimbal.mount.rotation.T @ sight)
-    return turned + math.tau * round((pan - turned) / math.tau), raised
+    ahead, sense = _pan_of_mount(gimbal)
+    return turned + math.tau * round((sense * (pan - ahead) - turned) / math.tau), raised
+
+
+def command_of_angles(gimbal: GimbalMount, pan: float, tilt: float) -> tuple[float, float]:
+    """Direction (rad) of angles, in `base_stabilized` for a stabilized gimbal, else in the body's frame; pan keeps its turns.
+
+    Parameters:
+        gimbal: how it is mounted.
+        pan, tilt (rad): angles about the mount's axes.
+    """
+    azimuth, elevation = _angles(gimbal.mount.rotation @ angles_to_direction(pan, tilt))
+    ahead, sense = _pan_of_mount(gimbal)
+    return azimuth + math.tau * round((ahead + sense * pan - azimuth) / math.tau), elevation
+
+
+def sense_of(gimbal: GimbalMount) -> float:
+    """-1 for a gimbal that is mounted upside down, whose pan and tilt are about reversed axes, else 1."""
+    return math.copysign(1.0, gimbal.mount.rotation[2, 2])
+
+
+def _pan_of_mount(gimbal: GimbalMount) -> tuple[float, float]:
+    """Azimuth (rad) of the mount's x axis, and the sense of its pan."""
+    x, y, _ = gimbal.mount.rotation[:, 0].tolist()
+    return math.atan2(y, x), sense_of(gimbal)
 
 
 def _angles(sight: NDArray[np.float64]) -> tuple[float, float]:

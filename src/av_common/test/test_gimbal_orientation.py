@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from scipy.spatial.transform import Rotation
 from transforms3d.euler import euler2quat
 from transforms3d.quaternions import mat2quat, quat2mat
 
@@ -13,6 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.frames import BASE_FRAME, attitude_of
 from av_common.gimbal_geometry import (
     angles_of_command,
+    command_of_angles,
     gimbal_to_body,
     pan_and_tilt,
     stabilized_to_body,
@@ -154,3 +156,17 @@ def test_a_message_that_cannot_be_used_is_refused(change, reason):
     message.source = change.get('source', GimbalState.SOURCE_MODEL)
     with pytest.raises(ValueError, match=reason):
         sample_of(message, 'gimbal_link')
+
+
+@pytest.mark.parametrize('rpy', [(0.0, 0.0, 0.0), (180.0, 0.0, 0.0), (0.0, 0.0, 180.0), (180.0, 0.0, -90.0),
+                                 (10.0, -20.0, 130.0)])
+@pytest.mark.parametrize('stabilized', [True, False])
+def test_commands_and_angles_about_a_turned_mount_are_each_others_inverse(rpy, stabilized):
+    """Against rotations of scipy; pan keeps its turns, also of a gimbal that looks to the rear or is upside down."""
+    mount = Rotation.from_euler('xyz', rpy, degrees=True)
+    gimbal = GimbalMount(mount=Mount(rpy_deg=rpy), stabilized=stabilized, pan_limits_deg=(-300.0, 300.0))
+    for pan in np.radians(np.arange(-300.0, 301.0, 20.0)):
+        commanded = command_of_angles(gimbal, float(pan), 0.3)
+        sight = mount.apply(Rotation.from_euler('ZY', [pan, -0.3]).apply([1.0, 0.0, 0.0]))
+        assert np.allclose(Rotation.from_euler('ZY', [commanded[0], -commanded[1]]).apply([1.0, 0.0, 0.0]), sight)
+        assert angles_of_command(gimbal, *commanded, stabilized) == pytest.approx((pan, 0.3))

@@ -15,7 +15,7 @@ from av_evaluation.attack.judges import BearingCheck, CommandJudge, CommandLimit
 from av_evaluation.cli.attack import IN_TIME, Result, verdicts
 from av_evaluation.processes import MarkedProcesses, slowdown
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import PointingSettings
+from av_pointing.settings import PointingSettings
 
 START = 1000.0
 

@@ -13,8 +13,9 @@ from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
 from av_interfaces.msg import PointingCommand
-from av_pointing.controller import LEAD_S, PointingController, PointingSettings
+from av_pointing.controller import LEAD_S, PointingController
 from av_pointing.response import BodyMotion, Response
+from av_pointing.settings import PointingSettings
 from av_pointing.stage import PointingStage, make_pointing_stage
 from av_px4.guard import BodyGuard, Inputs
 from av_px4.handover import EXTERNAL_MODES, VehicleStatus

@@ -17,7 +17,8 @@ from av_evaluation.metrics.results import metrics_of
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
 from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
-from av_pointing.controller import PointingController, PointingSettings
+from av_pointing.controller import PointingController
+from av_pointing.settings import PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 

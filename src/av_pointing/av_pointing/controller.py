@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from std_msgs.msg import Header
@@ -18,13 +18,12 @@ from std_msgs.msg import Header
 from av_common.angles import wrap
 from av_common.frames import BASE_FRAME, yaw_of
 from av_common.gimbal_geometry import BASE_STABILIZED, LEVEL
-from av_common.limited_axis import AxisLimits
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_common.track import State, Track
 from av_interfaces.msg import PointingCommand
 from av_pointing.body_axis import DEAD_BAND, Aim, BodyAxis
 from av_pointing.gimbal_axes import GimbalAxes
-from av_pointing.response import Response
+from av_pointing.settings import PointingSettings
 
 LONGEST_STEP_S = 0.1  # longer steps are computed as this long
 PERIOD_S = 1.0 / 30.0  # longest time between two commands, by which braking begins earlier
@@ -94,32 +93,6 @@ class Ages(NamedTuple):
         return self.measurement >= STOP_WITHIN or self.captured >= OLDEST_MEASUREMENT_S
 
 
-@dataclass(frozen=True)
-class PointingSettings:
-    """Settings of `PointingController`.
-
-    Parameters:
-        pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
-        response: expected answer of the vehicle to yaw rates, from which its estimate starts; by default that of PX4.
-        coast (s): time after the newest measurement's arrival for which the gimbal follows a prediction.
-        neutral: whether the gimbal returns to 0 while the bearing is stale; else it stops.
-        move_gimbal, move_body: whether gimbal and body are commanded.
-        stabilized: whether the gimbal stays level, and is commanded in `base_stabilized`.
-        body_follows_at (rad): pan from which the body follows a moving gimbal.
-    """
-
-    pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
-    tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(60), math.radians(180), -1.4, 0.8))
-    yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(900)))
-    response: Response = field(default_factory=Response)
-    coast: float = 2.0
-    neutral: bool = False
-    move_gimbal: bool = True
-    move_body: bool = True
-    stabilized: bool = False
-    body_follows_at: float = math.radians(30.0)
-
-
 class PointingController:
     """Computes commands from tracks; `step` is called at least every PERIOD_S.
 
@@ -135,15 +108,11 @@ class PointingController:
     def __init__(self, settings: PointingSettings | None = None) -> None:
         self.settings = settings or PointingSettings()
         self.enabled = True
-        self.gimbal = GimbalAxes(self.settings.pan, self.settings.tilt, self.settings.stabilized, DEAD_BAND)
+        self.gimbal = GimbalAxes(self.settings.gimbal, self.settings.pan, self.settings.tilt, DEAD_BAND)
         self.body = BodyAxis(self.settings.yaw, self.settings.response)
         self._time: float | None = None
         self._seen: Track | None = None
         self._vehicle_rate, self._has_odometry = math.inf, False
-
-    def start_at(self, pan: float, tilt: float) -> None:
-        """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
-        self.gimbal.start_at(pan, tilt)
 
     def limit_body(self, rate: float) -> None:
         """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too; inf for none.
@@ -155,21 +124,16 @@ class PointingController:
         self._vehicle_rate = rate
         self.body.limit_rate(min(rate, self.settings.yaw.rate))
 
-    def limit_rates(self, settings: PointingSettings) -> None:
-        """Use the limits of other settings from the next command on; all else stays.
-
-        Parameters:
-            settings: of which the limits of the axes count.
-        """
-        self.settings = replace(self.settings, pan=settings.pan, tilt=settings.tilt, yaw=settings.yaw)
-        self.gimbal.pan.limits, self.gimbal.tilt.limits = settings.pan, settings.tilt
-        self.body.limit_rate(min(self._vehicle_rate, settings.yaw.rate))
+    def set_yaw_rate(self, rate: float) -> None:
+        """Use another largest yaw rate (rad/s) from the next command on, or the vehicle's where that is smaller."""
+        self.settings = replace(self.settings, yaw=replace(self.settings.yaw, rate=rate))
+        self.body.limit_rate(min(self._vehicle_rate, rate))
 
     @property
     def may_move(self) -> str:
         """What commands move once they are enabled, in words."""
         settings = self.settings
-        parts = [('the gimbal', settings.move_gimbal, max(settings.pan.rate, settings.tilt.rate)),
+        parts = [('the gimbal', settings.move_gimbal, settings.pan.rate),
                  ('the body of the rig', settings.move_body, self.body.limits.rate)]
         return ' and '.join(f'{part} (up to {math.degrees(rate):.0f} deg/s)' for part, on, rate in parts if on) or 'nothing'
 
@@ -217,11 +181,11 @@ class PointingController:
         else:
             self._track(time, dt, track, ages)
         yaw_rate = self.body.command(time, left, self.enabled and settings.move_body)
-        pan, tilt = self.gimbal.pan, self.gimbal.tilt
+        pan, tilt, pan_rate, tilt_rate = self.gimbal.command
         return PointingCommand(
-            header=Header(frame_id=BASE_STABILIZED if settings.stabilized else BASE_FRAME), mode=int(mode), reason=reason,
-            move_gimbal=self.enabled and settings.move_gimbal, pan=pan.position, tilt=tilt.position, pan_rate=pan.velocity,
-            tilt_rate=tilt.velocity, move_body=self.enabled and settings.move_body, yaw_rate=yaw_rate)
+            header=Header(frame_id=BASE_STABILIZED if settings.gimbal.stabilized else BASE_FRAME), mode=int(mode),
+            reason=reason, move_gimbal=self.enabled and settings.move_gimbal, pan=pan, tilt=tilt, pan_rate=pan_rate,
+            tilt_rate=tilt_rate, move_body=self.enabled and settings.move_body, yaw_rate=yaw_rate)
 
     def _stale(self, track: Track | None, ages: Ages) -> str:
         """Why there is no fresh bearing; empty where there is one."""

@@ -16,9 +16,8 @@ from av_common.stamps import to_stamp
 from av_common.track import Source, State, Track
 from av_common.track_messages import bearing_message
 from av_interfaces.msg import PointingCommand
-from av_pointing.controller import PointingController, PointingSettings
-from av_pointing.settings import with_gimbal
-from av_pointing.stage import PointingStage
+from av_pointing import PointingController, PointingStage
+from av_pointing.settings import PointingSettings
 
 STEP = 1.0 / 30.0
 YAW = math.radians(30.0)
@@ -29,7 +28,7 @@ class Rig:
     """A stage whose body stands at YAW, with cues and no target of its own."""
 
     def __init__(self, gimbal=None, **settings):
-        self.stage = PointingStage(PointingController(with_gimbal(PointingSettings(**settings), gimbal or GimbalMount())))
+        self.stage = PointingStage(PointingController(PointingSettings(gimbal or GimbalMount(), **settings)))
         self.now, self.commands = Instant(50.0, 1.7e9), []
 
     def run(self, seconds, cue=True, frame='rig/world', odometry=True, late=0.0, place=PLACE, track=None):

@@ -5,20 +5,20 @@ import math
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
 from transforms3d.euler import euler2quat
 from transforms3d.quaternions import quat2mat
 
 from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.freshness import Instant
 from av_common.limited_axis import AxisLimits
-from av_common.rig import GimbalMount
+from av_common.rig import GimbalMount, Mount
 from av_common.stamps import to_stamp
 from av_common.track import Source, State, Track
 from av_common.track_messages import bearing_message
 from av_interfaces.msg import PointingCommand
-from av_pointing.controller import PointingController, PointingSettings
-from av_pointing.settings import with_gimbal
-from av_pointing.stage import PointingStage
+from av_pointing import PointingController, PointingStage
+from av_pointing.settings import PointingSettings
 
 STEP = 1.0 / 30.0
 LOOK = (math.radians(120.0), math.radians(20.0))
@@ -28,7 +28,7 @@ class Rig:
     """A stage, odometry and bearings."""
 
     def __init__(self, gimbal=None, **settings):
-        self.stage = PointingStage(PointingController(with_gimbal(PointingSettings(**settings), gimbal or GimbalMount())))
+        self.stage = PointingStage(PointingController(PointingSettings(gimbal or GimbalMount(), **settings)))
         self.now, self.attitude, self.commands = Instant(50.0, 1.7e9), (1.0, 0.0, 0.0, 0.0), []
 
     def run(self, seconds, measured=True, bearings=True, **track):
@@ -190,12 +190,115 @@ def test_the_camera_visits_another_target_within_its_limits_and_the_body_follows
     assert np.abs(np.diff(rates) / STEP).max() <= 1.5 * pan.acceleration  # of finite differences
 
 
-def test_limits_are_those_of_the_gimbal():
-    settings = with_gimbal(PointingSettings(), GimbalMount(
-        pan_limits_deg=(-90.0, 90.0), tilt_limits_deg=(-20.0, 80.0), max_rate_deg=60.0, stabilized=False))
-    assert (settings.pan.lower, settings.pan.upper) == pytest.approx((-math.pi / 2, math.pi / 2))
-    assert settings.pan.rate == pytest.approx(math.radians(60.0))
-    assert settings.tilt.lower == pytest.approx(math.radians(-20.0))
-    assert not settings.stabilized
-    command = Rig(GimbalMount(stabilized=False)).run(0.1)
-    assert command.header.frame_id == 'base_link'
+def test_the_frame_is_that_of_the_gimbal():
+    assert Rig(GimbalMount(stabilized=False)).run(0.1).header.frame_id == 'base_link'
+
+
+MOUNTS = {'upright': (0.0, 0.0, 0.0), 'upside down': (180.0, 0.0, 0.0), 'to the left': (0.0, 0.0, 90.0),
+          'to the rear': (0.0, 0.0, 180.0), 'upside down to the rear': (180.0, 0.0, 180.0), 'nose down': (0.0, 20.0, 0.0)}
+LIMITS = {'pan_limits_deg': (-100.0, 100.0), 'tilt_limits_deg': (-30.0, 60.0)}
+
+
+@pytest.mark.parametrize('stabilized', [True, False])
+@pytest.mark.parametrize('rpy', MOUNTS.values(), ids=MOUNTS)
+def test_a_gimbal_looks_wherever_its_mount_allows_and_nowhere_else(rpy, stabilized):
+    """Pan and tilt are limited about the mount's axes; the command is a direction from the body, which is tilted, or level."""
+    body, mount = Rotation.from_euler('xyz', [12.0, -8.0, 70.0], degrees=True), Rotation.from_euler('xyz', rpy, degrees=True)
+    level = body.inv() * Rotation.from_euler('z', body.as_euler('ZYX')[0])
+    carrier = (level if stabilized else Rotation.identity()) * mount
+    for pan, tilt in ((85.0, 50.0), (-85.0, -20.0), (40.0, -20.0), (-10.0, 20.0), (170.0, 20.0), (0.0, -70.0)):
+        rig = Rig(GimbalMount(mount=Mount(rpy_deg=rpy), stabilized=stabilized, **LIMITS), move_body=False)
+        rig.attitude = np.roll(body.as_quat(), 1)
+        target = carrier.apply(Rotation.from_euler('ZY', [pan, -tilt], degrees=True).apply([1.0, 0.0, 0.0]))
+        (azimuth, elevation), (world, raised) = direction_to_angles(target), direction_to_angles(body.apply(target))
+        command = rig.run(4.0, resolved=True, azimuth=float(azimuth), elevation=float(elevation), elevation_variance=1e-4,
+                          azimuth_world=float(world), elevation_world=float(raised))
+        sight = angles_to_direction(command.pan, command.tilt)
+        reached = np.degrees(direction_to_angles(mount.inv().apply(sight)))
+        assert abs(reached[0]) < 100.1 and -30.1 < reached[1] < 60.1
+        if abs(pan) < 100.0 and tilt > -30.0:
+            assert (level.apply(sight) if stabilized else sight) @ target > math.cos(math.radians(1.0))
+
+
+@pytest.mark.parametrize(('limit', 'seen'), [(180.0, True), (170.0, True), (150.0, False)])
+@pytest.mark.parametrize('swing', [0.0, 5.0])
+def test_a_target_at_the_stops_does_not_send_the_gimbal_round(limit, seen, swing):
+    """Behind the rig, at rest or to and fro, with noise of 2 deg: the camera stays at a stop, within half of its view of it."""
+    random, off, pans = np.random.default_rng(3), [], []
+    rig = Rig(GimbalMount(pan_limits_deg=(-limit, limit)), move_body=False)
+    for step in range(450):
+        azimuth = math.radians(180.0 + swing * math.sin(step * STEP) + 2.0 * random.standard_normal())
+        azimuth = math.remainder(azimuth, math.tau)
+        command = rig.run(STEP, resolved=True, azimuth=azimuth, azimuth_world=azimuth)
+        off.append(abs(math.remainder(azimuth - command.pan, math.tau)))
+        pans.append(command.pan)
+    assert np.degrees(np.ptp(pans[120:])) < 30.0
+    assert not seen or np.degrees(max(off[120:])) < 25.0
+
+
+@pytest.mark.parametrize(('limit', 'azimuths', 'end'), [
+    (150.0, (100.0,), 100.0), (150.0, (170.0,), 150.0), (150.0, (-170.0,), -150.0), (270.0, (170.0,), 170.0),
+    (270.0, (170.0, -170.0), 190.0)])
+def test_pan_goes_to_the_nearest_allowed_angle(limit, azimuths, end):
+    """One with room follows beyond half a turn."""
+    rig = Rig(GimbalMount(pan_limits_deg=(-limit, limit)), move_body=False)
+    for azimuth in azimuths:
+        command = rig.run(4.0, resolved=True, azimuth=math.radians(azimuth), azimuth_world=math.radians(azimuth))
+    assert math.degrees(command.pan) == pytest.approx(end, abs=0.6)
+
+
+def test_straight_up_pan_stands_still():
+    rig = Rig(GimbalMount(tilt_limits_deg=(-45.0, 90.0)))
+    assert rig.run(4.0, look=(1.7, math.radians(90.0))).pan == 0.0
+
+
+@pytest.mark.parametrize('neutral', [True, False])
+def test_without_bearings_the_gimbal_stops_or_returns_to_the_middle(neutral):
+    """`on_stale` neutral returns pan and tilt to 0, in no mode in which nothing moves."""
+    rig = Rig(neutral=neutral, move_body=False)
+    before = rig.run(2.0, resolved=True, elevation=0.4, elevation_world=0.4, elevation_variance=0.01)
+    assert (before.pan, before.tilt) == pytest.approx((1.0, 0.4), abs=0.02)
+    command = rig.run(4.0, bearings=False)
+    ends = ((0.0, 0.0), PointingCommand.MODE_LOOK) if neutral else ((before.pan, before.tilt), PointingCommand.MODE_HOLD)
+    assert (command.pan, command.tilt) == pytest.approx(ends[0], abs=0.02) and command.mode == ends[1]
+    rig.stage.controller.enabled = False
+    assert rig.run(STEP, bearings=False).mode == PointingCommand.MODE_HOLD
+
+
+@pytest.mark.parametrize(('sigma_deg', 'limit'), [(5.0, 2.0), (25.0, 0.3)])
+def test_the_gimbal_follows_a_prediction_ever_slower_to_its_limit(sigma_deg, limit):
+    """Of time or of sigma; then it holds, and the reason says so. The body has stood still since 0.3 s."""
+    rig = Rig()
+    rig.run(0.1, resolved=True)
+    rates = []
+    for step in range(1, 75):
+        age, azimuth = step * STEP, 2.5 * math.sin(step * STEP)
+        command = rig.run(STEP, measured=False, state=State.COASTING, resolved=True, azimuth=azimuth, azimuth_world=azimuth,
+                          azimuth_variance=math.radians(sigma_deg) ** 2)
+        rates.append(abs(command.pan_rate))
+        assert rates[-1] <= math.radians(120.0) * max(1.0 - 0.5 * age, 0.0) + math.radians(360.0) * STEP or sigma_deg > 20.0
+        assert command.yaw_rate == 0.0 or age < 0.3
+        if abs(age - limit) > STEP:
+            assert command.mode == (PointingCommand.MODE_TRACK if age < limit else PointingCommand.MODE_HOLD)
+        assert age < 0.35 or 'prediction' in command.reason
+    assert rates[20] > 0.1 or sigma_deg > 20.0
+    assert max(rates[round(limit / STEP) + 12:]) == 0.0
+
+
+@pytest.mark.parametrize(('obeys', 'rpy'), [(0.0, MOUNTS['upright']), (0.5, MOUNTS['upright']), (1.0, MOUNTS['upright']),
+                                            (0.0, MOUNTS['upside down'])])
+def test_the_gimbal_follows_however_the_body_obeys(obeys, rpy):
+    """A vehicle whose pilot has not handed over stands still while the body is commanded: the gimbal does not count on it.
+
+    Commands are 0.05 s ahead, the lag of a gimbal.
+    """
+    rig, yaw, errors = Rig(GimbalMount(mount=Mount(rpy_deg=rpy))), 0.0, []
+    for step in range(240):
+        target = math.radians(-60.0 + 20.0 * step * STEP)
+        rig.attitude = euler2quat(0.0, 0.0, yaw, 'sxyz')
+        command = rig.run(STEP, state=State.VISUAL_ACTIVE, azimuth=math.remainder(target - yaw, math.tau),
+                          azimuth_world=math.remainder(target, math.tau), azimuth_world_rate=math.radians(20.0))
+        ahead = 0.05 * (math.radians(20.0) - obeys * command.yaw_rate)
+        errors.append(abs(math.remainder(target + ahead - yaw - command.pan, math.tau)))
+        yaw += obeys * command.yaw_rate * STEP
+    assert math.degrees(max(errors[120:])) < 2.0

@@ -1,6 +1,7 @@
 """Where the gimbal points: from what it reports, and from the model of its commands where it does not."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from transforms3d.quaternions import mat2quat, quat2mat
 from av_common.angles import angles_to_direction
 from av_common.frames import attitude_of
 from av_common.gimbal_geometry import gimbal_to_body
-from av_common.rig import load_rig
+from av_common.rig import GimbalMount, load_rig
 from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_stamp
 from av_interfaces.msg import GimbalState, PointingCommand
@@ -147,3 +148,19 @@ def test_an_old_clock_that_is_set_back_does_not_silence_the_model():
     stage.on_time(T)
     assert stage.on_time(10.0) is not None
     assert stage.on_odometry(odometry(10.2), 10.2) is not None
+
+
+def test_the_model_has_lag_rate_and_limits_and_knows_less_while_it_moves():
+    """Before the first command it knows nothing; the first tells where the gimbal is."""
+    rig = replace(RIG, gimbal=GimbalMount(stabilized=False, max_rate_deg=90.0, lag=0.1, pan_limits_deg=(-100.0, 100.0)))
+    stage, states = GimbalStage(rig), []
+    unknown = stage.on_time(T).variance
+    stage.on_command(command(T + 0.01, 0.0, frame='base_link'), T + 0.01)
+    rest = stage.on_time(T + 0.02).variance
+    stage.on_command(command(T + 0.03, math.radians(120.0), frame='base_link'), T + 0.03)
+    for step in range(200):
+        states.append(stage.on_time(T + 0.04 + 0.02 * step))
+    pans = np.degrees([math.atan2(*sight(state)[1::-1]) for state in states])
+    assert (np.diff(pans) / 0.02).max() == pytest.approx(90.0) and pans[-1] == pytest.approx(100.0)
+    assert unknown > 20.0 * rest and states[20].variance > 20.0 * rest
+    assert states[-1].variance == pytest.approx(rest, rel=0.01)

@@ -27,7 +27,7 @@ EVENTS = st.one_of(
     BEARINGS, BEARINGS,
     st.tuples(st.just('measurement')),
     st.tuples(st.just('odometry'), LAGS, st.sampled_from([1.0, 1.0, 1.0, 0.0, math.nan])),
-    st.tuples(st.just('time')),
+    st.tuples(st.just('time')), st.tuples(st.just('enable'), st.booleans()),
     st.tuples(st.just('step of the clock'), st.sampled_from([-3600.0, -2.0, -0.5, 0.5, 2.0, 3600.0])))
 # time step, whether odometry arrives, what else happens, and how often in succession
 STEPS = st.lists(st.tuples(st.sampled_from([0.0, 0.01, 0.02, 0.033, 0.033, 0.05, 0.25, 1.2]),
@@ -109,8 +109,12 @@ def test_no_sequence_of_messages_moves_what_must_stand(steps, move_gimbal):
                 last.header.stamp = to_stamp(now.ros)
             measured.note(last.measured.sec + 1e-9 * last.measured.nanosec, now)
             command = stage.on_bearing(last, now)
+        elif kind == 'enable':
+            stage.controller.enabled, = content
+            command = stage.on_time(now)
         else:
             command = stage.on_time(now)
+        assert command.move_body == stage.controller.enabled and command.move_gimbal == (command.move_body and move_gimbal)
         if command.yaw_rate != 0.0:
             assert measured.permits(now, 0.3, 1.0) and odometry.permits(now, 0.3, 0.3)
         assert command.mode in (PointingCommand.MODE_HOLD, PointingCommand.MODE_TRACK, PointingCommand.MODE_SEARCH)

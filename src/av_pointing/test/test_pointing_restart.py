@@ -17,7 +17,6 @@ from std_srvs.srv import SetBool
 from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers
 from av_common.qos import RESULT
 from av_interfaces.msg import PointingCommand
-from av_pointing.controller import PointingController
 from av_pointing.nodes.pointing_node import DRAINED_S, PAUSE_S, PointingNode
 
 
@@ -45,22 +44,16 @@ def first_command(environment):
 
 
 @pytest.mark.system
-@pytest.mark.parametrize('enabled', [True, False])
-def test_a_restarted_node_continues(enabled, tmp_path, monkeypatch):
+@pytest.mark.parametrize(('enabled', 'kept', 'begins'), [
+    (True, (0.7, -0.2), (0.7, -0.2)), (False, (9.0, -9.0), (math.radians(150.0), math.radians(-80.0)))])
+def test_a_restarted_node_continues_within_its_limits(enabled, kept, begins, tmp_path, monkeypatch):
     monkeypatch.setenv(RUN_FOLDER, str(tmp_path))
-    KeptNumbers('/pointing_node.angles', (0.0, 0.0)).keep(0.7, -0.2)
+    KeptNumbers('/pointing_node.angles', (0.0, 0.0)).keep(*kept)
     KeptNumbers('/pointing_node.enabled', (enabled,))
     command = first_command({RUN_FOLDER: str(tmp_path), RESTARTS: '1'})
-    assert (command.pan, command.tilt) == pytest.approx((0.7, -0.2))
+    assert (command.pan, command.tilt) == pytest.approx(begins)
     assert (command.pan_rate, command.tilt_rate, command.yaw_rate) == (0.0, 0.0, 0.0)
     assert command.move_gimbal == command.move_body == enabled
-
-
-def test_a_controller_starts_within_its_limits():
-    controller = PointingController()
-    controller.start_at(9.0, -math.inf)
-    assert controller.gimbal.pan.position == controller.settings.pan.upper
-    assert controller.gimbal.tilt.position == controller.settings.tilt.lower
 
 
 @pytest.mark.parametrize('end', ['trigger_deactivate', 'trigger_shutdown'])

@@ -189,3 +189,35 @@ def test_a_yaw_that_never_answers_the_commands_is_told():
             command = stage.on_bearing(bearing(time, 1.5), at(time))
         assert command.yaw_rate > 0.2
         assert ('frozen' in stage.controller.body.problem) == (not turns)
+
+
+def test_other_limits_of_rate_hold_from_the_next_commands_on_and_never_above_the_vehicles():
+    """Slower than the vehicle's own limit, then faster than it: the smaller of both holds, and words say so."""
+    stage, time = make_stage(), START
+    stage.on_yaw_rate_limit(Float32(data=math.radians(30.0)))
+    for own, most in ((45.0, 30.0), (10.0, 10.0), (90.0, 30.0)):
+        stage.controller.set_yaw_rate(math.radians(own))
+        rates = []
+        for _ in range(40):
+            time += 0.05
+            rates.append(abs(math.degrees(move(stage, bearing(time, 2.0), time).yaw_rate)))
+        assert max(rates[2:]) == pytest.approx(most, abs=0.1)
+    assert stage.controller.may_move == 'the gimbal (up to 120 deg/s) and the body of the rig (up to 30 deg/s)'
+
+
+@pytest.mark.parametrize(('gimbal', 'body', 'words'), [
+    (True, False, 'the gimbal (up to 120 deg/s)'), (False, False, 'nothing')])
+@pytest.mark.parametrize('enabled', [True, False])
+def test_what_may_move_is_what_is_configured_whatever_was_commanded(gimbal, body, words, enabled):
+    stage = make_stage(move_gimbal=gimbal, move_body=body, enabled=enabled)
+    stage.on_time(at(START))
+    assert stage.controller.may_move == words
+
+
+def test_the_body_searches_to_the_side_that_is_asked_for_and_not_without_odometry():
+    stage = make_stage(move_gimbal=False)
+    for k in range(20):
+        command = move(stage, bearing(START + 0.05 * k, 2.0, resolved=False, rotation=-0.8), START + 0.05 * k)
+    assert command.mode == PointingCommand.MODE_SEARCH and command.yaw_rate < -0.1
+    command = stage.on_bearing(bearing(START + 1.4, 2.0, resolved=False, rotation=-0.8), at(START + 1.4))
+    assert command.mode == PointingCommand.MODE_HOLD and command.yaw_rate == 0.0 and 'odometry' in command.reason

@@ -14,7 +14,7 @@ from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import mat2quat, quat2mat
 
 from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
-from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
+from av_common.gimbal_geometry import command_of_angles, pan_and_tilt, sense_of, stabilized_to_body
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
 from av_common.rig_messages import gimbal_message
@@ -57,13 +57,13 @@ class GimbalInputs:
 
     Parameters:
         move: whether the gimbal follows the command
-        pan (rad): commanded angle, positive to the left
-        tilt (rad): commanded angle, positive upwards
-        pan_rate (rad/s): commanded rate of the pan angle
+        pan (rad): commanded angle about the mount's axis
+        tilt (rad): commanded angle about the mount's axis
+        pan_rate (rad/s): commanded rate of the direction, positive to the left
         fresh: whether pointing command, attitude and status are all fresh, and the command's mode is one that moves the gimbal
         nav_state: mode of the vehicle, None without a fresh status
         system: MAVLink id of the vehicle
-        measured (rad): pan and tilt reported by the gimbal, None without a recent report
+        measured (rad): pan and tilt reported by the gimbal, about the mount's axes, None without a recent report
     """
 
     move: bool = False
@@ -190,8 +190,9 @@ class Gimbal:
 
     def _point(self, time: float, dt: float, inputs: GimbalInputs) -> list[Command]:
         if inputs.fresh and all(map(math.isfinite, (inputs.pan, inputs.tilt, inputs.pan_rate))):
-            # the command holds for the present time, and `follow` adds pan_rate * dt
-            self._pan.follow(inputs.pan - self._pan.position - inputs.pan_rate * dt, inputs.pan_rate, dt)
+            rate = sense_of(self.mount) * inputs.pan_rate
+            # the command holds for the present time, and `follow` adds rate * dt
+            self._pan.follow(inputs.pan - self._pan.position - rate * dt, rate, dt)
             self._tilt.follow(inputs.tilt - self._tilt.position, 0.0, dt)
         else:
             moving = self._pan.velocity != 0.0 or self._tilt.velocity != 0.0
@@ -203,7 +204,8 @@ class Gimbal:
             return []
         self._sent = time
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
-        return [pitch_yaw(self._pan.position, self._tilt.position, self.mount.stabilized)]
+        pan, tilt = command_of_angles(self.mount, self._pan.position, self._tilt.position)
+        return [pitch_yaw(pan, tilt, self.mount.stabilized)]
 
 
 class GimbalFeedback:
@@ -214,16 +216,15 @@ class GimbalFeedback:
     outputs PX4 reports its own setpoint, which is where a claim begins, and no orientation of the gimbal.
 
     Attributes:
-        reported (rad): the newest pan and tilt from the horizon and the vehicle's heading, None before the first.
+        reported (rad): the newest pan and tilt about the mount's axes, None before the first.
 
     Parameters:
-        frame: of the gimbal
+        mount: the gimbal
     """
 
-    def __init__(self, frame: str) -> None:
+    def __init__(self, mount: GimbalMount = DEFAULT_MOUNT) -> None:
         self.reported: tuple[float, float] | None = None
-        self._gimbal = GimbalMount(frame=frame)
-        self._clock = px4_clock()
+        self._gimbal, self._clock = mount, px4_clock()
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
         """The gimbal's orientation; None where it is not measured or dated, and without the vehicle's attitude.

@@ -94,7 +94,7 @@ class Px4Stage:
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(versions) if wanted else None
         self.odometry = OdometryConverter()
-        self.gimbal_feedback = GimbalFeedback(self.gimbal.mount.frame)
+        self.gimbal_feedback = GimbalFeedback(self.gimbal.mount)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(self.max_rate, p.turn_body and p.offboard)
         self._messages, self._place = messages, HeldPosition()
@@ -235,8 +235,11 @@ class Px4Stage:
     def on_esc_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the speeds that the controllers of the motors report."""
         self._now = arrival
+        speeds = measured_speeds(message)
+        if not any(map(math.isfinite, speeds)):    # controllers without telemetry: what is commanded says more
+            return []
         self.meters['motors'].tick()
-        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=measured_speeds(message)))]
+        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=speeds))]
 
     def on_actuator_motors(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the speeds that are commanded, where none are reported and the speed at full command is known."""

@@ -9,8 +9,6 @@ from fake_autopilot import HOLD, LAND, OFFBOARD, POSITION, RETURN
 from flight_bench import Flight, Program
 from px4_layouts import FIRMWARES
 
-from av_px4.external_mode import Registration
-
 TURN = {'yaw_rate': 0.3}
 RATE = pytest.approx(-0.3, abs=0.01)    # PX4 counts clockwise
 STEERING = ('trajectory_setpoint', 'offboard_control_mode')
@@ -131,7 +129,7 @@ class TestConsent:
     def test_a_new_process_waits_for_the_pilot_in_the_own_mode(self, firmware, known):
         """Whether or not it knows what the former one had registered."""
         flight = in_own_mode(firmware)
-        former = Registration(0, 23)
+        former = flight.rig.mode.registration
         flight.rig = None
         flight.run(2.0)
         flight.start(former if known else None)

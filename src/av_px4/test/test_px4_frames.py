@@ -1,98 +1,112 @@
-"""Frames and signs between PX4 and ROS, against geometry written out by hand."""
+"""Frames and signs between PX4 and ROS, against geometry written out by hand: PX4's messages in, the rig's odometry out."""
 
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from transforms3d.euler import euler2quat
+from scipy.spatial.transform import Rotation
+from test_px4_stage import Rig
 
-from av_px4.commands import pitch_yaw
-from av_px4.odometry import ContinuousPose, HeldPosition, Pose, pose_from_px4
+from av_common.frames import attitude_of, yaw_of
+from av_common.freshness import Instant
+from av_common.parameters import node_parameters
+from av_px4.stage import ODOMETRY_TOPIC, Px4Stage
 
-QUADRANTS = [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)]   # pan (left +), tilt (up +) in deg
+EPOCH, SETTLED_S = 1.7e9, 1.5    # s, ROS time of PX4's start; until PX4's clock is known
 
 
-def px4_pose(heading_deg=0.0, position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), **frames):
-    """A level vehicle, heading clockwise from north."""
-    return pose_from_px4(position, euler2quat(0.0, 0.0, math.radians(heading_deg)), velocity, rate, **frames)
+def heading(degrees):
+    """Quaternion of a level vehicle, clockwise from north."""
+    return np.roll(Rotation.from_euler('z', degrees, degrees=True).as_quat(), 1).tolist()
+
+
+def odometry(pose, seconds=0.0):
+    """The rig's odometry of 100 poses a second; pose: the fields of a VehicleOdometry at a time (s), NED where not said."""
+    stage, found = Px4Stage(node_parameters('av_px4', 'px4_node'), SimpleNamespace()), []
+    usual = {'position': [0.0] * 3, 'q': heading(0.0), 'velocity': [0.0] * 3, 'angular_velocity': [0.0] * 3, 'pose_frame': 1,
+             'velocity_frame': 1, 'reset_counter': 0}
+    for time in np.arange(-SETTLED_S, seconds + 0.005, 0.01):
+        stamp = round(1e6 * (time + 100.0))
+        message = SimpleNamespace(timestamp=stamp, timestamp_sample=stamp, **usual | pose(time))
+        now = Instant(time, EPOCH + time)
+        found += [out for topic, out in stage.on_vehicle_odometry(message, now) if topic == ODOMETRY_TOPIC and time > -0.005]
+    return found
+
+
+def yaw(message):
+    return yaw_of(attitude_of(message.pose.pose.orientation))
+
+
+def numbers(vector):
+    return vector.x, vector.y, vector.z
 
 
 class TestPose:
-    @pytest.mark.parametrize(('heading', 'yaw'), [(0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)])
-    def test_heading_clockwise_from_north_is_yaw_counter_clockwise_from_east(self, heading, yaw):
-        assert math.cos(px4_pose(heading).yaw - math.radians(yaw)) == pytest.approx(1.0)
+    @pytest.mark.parametrize(('clockwise', 'expected'), [
+        (0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)])
+    def test_heading_clockwise_from_north_is_yaw_counter_clockwise_from_east(self, clockwise, expected):
+        message = odometry(lambda time: {'q': heading(clockwise)})[-1]
+        assert math.cos(yaw(message) - math.radians(expected)) == pytest.approx(1.0)
 
-    def test_position_and_velocity(self):
-        pose = px4_pose(90.0, position=(1.0, 2.0, -3.0), velocity=(0.0, 4.0, 1.0), rate=(0.1, 0.2, 0.3))
-        assert pose.position == pytest.approx([2.0, 1.0, 3.0])               # east, north, up
-        assert pose.velocity_flu == pytest.approx([4.0, 0.0, -1.0])          # it flies east, where it looks, and sinks
-        assert pose.rate_flu == pytest.approx([0.1, -0.2, -0.3])
+    def test_position_velocity_and_rates(self):
+        message = odometry(lambda time: {'q': heading(90.0), 'position': [1.0, 2.0, -3.0], 'velocity': [0.0, 4.0, 1.0],
+                                         'angular_velocity': [0.1, 0.2, 0.3]})[-1]
+        assert numbers(message.pose.pose.position) == pytest.approx((2.0, 1.0, 3.0))    # east, north, up
+        assert numbers(message.twist.twist.linear) == pytest.approx((4.0, 0.0, -1.0))    # it flies east, where it looks
+        assert numbers(message.twist.twist.angular) == pytest.approx((0.1, -0.2, -0.3))
 
     def test_velocity_in_the_body_frame(self):
-        pose = px4_pose(33.0, velocity=(1.0, 2.0, 3.0), velocity_frame=3)
-        assert pose.velocity_flu == pytest.approx([1.0, -2.0, -3.0])
+        message = odometry(lambda time: {'q': heading(33.0), 'velocity': [1.0, 2.0, 3.0], 'velocity_frame': 3})[-1]
+        assert numbers(message.twist.twist.linear) == pytest.approx((1.0, -2.0, -3.0))
 
-    @pytest.mark.parametrize('attitude', [(0, 0, 0, 0), (math.nan, 0, 0, 1), (2, 0, 0, 0)])
-    def test_what_is_no_attitude_is_refused(self, attitude):
-        with pytest.raises(ValueError, match='attitude'):
-            pose_from_px4((0, 0, 0), attitude, (0, 0, 0), (0, 0, 0))
-
-    def test_a_pose_in_another_frame_is_refused(self):
-        with pytest.raises(ValueError, match='pose_frame is 2'):
-            px4_pose(pose_frame=2)
-
-
-class TestGimbal:
-    @pytest.mark.parametrize(('pan', 'tilt'), QUADRANTS)
-    def test_signs_in_all_quadrants(self, pan, tilt):
-        """To the left is negative yaw for MAVLink, up is positive pitch; and where the gimbal then looks is where it should."""
-        pitch, yaw, *_ = pitch_yaw(math.radians(pan), math.radians(tilt), True).params
-        assert (pitch, yaw) == pytest.approx((tilt, -pan))
+    @pytest.mark.parametrize('fields', [{'q': [0.0] * 4}, {'q': [math.nan, 0.0, 0.0, 1.0]}, {'q': [2.0, 0.0, 0.0, 0.0]},
+                                        {'pose_frame': 2}, {'position': [1e9, 0.0, 0.0]}])
+    def test_what_is_no_pose_in_north_east_down_is_refused(self, fields):
+        with pytest.raises(ValueError, match='attitude|pose'):
+            odometry(lambda time: fields)
 
 
 class TestContinuity:
-    def fly(self, jump_deg=0.0, shift=(0.0, 0.0, 0.0), at=1.0, count=True):
-        """A vehicle that turns at 0.4 rad/s and flies forward at 3 m/s, whose estimator corrects itself once."""
-        continuous, out, truth = ContinuousPose(), [], []
-        for time in np.arange(0.0, 2.0, 0.01):
-            yaw, late = 0.5 + 0.4 * time, time >= at
-            place = 3.0 / 0.4 * np.array([math.sin(yaw), -math.cos(yaw), 0.0])
-            turned = yaw + late * math.radians(jump_deg)
-            c, s = math.cos(turned - yaw), math.sin(turned - yaw)
-            estimated = np.array([c * place[0] - s * place[1], s * place[0] + c * place[1], place[2]]) + late * np.array(shift)
-            pose = Pose(estimated, euler2quat(0.0, 0.0, turned), np.array([3.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.4]))
-            moved = continuous.add(time, pose, 7 + (late and count))
-            out.append((*moved.position, moved.yaw))
-            truth.append((*place, yaw))
-        return np.array(out), np.array(truth), continuous
+    def fly(self, jump_deg=0.0, shift=(0.0, 0.0, 0.0), count=True):
+        """A vehicle that turns clockwise at 0.4 rad/s and flies forward at 3 m/s, whose estimator corrects itself after 1 s."""
+        truth = []
+
+        def pose(time):
+            turned, late = 0.5 + 0.4 * time, time >= 1.0
+            place = 3.0 / 0.4 * np.array([math.sin(turned), -math.cos(turned), 0.0])    # NED
+            error = Rotation.from_euler('z', late * jump_deg, degrees=True)
+            if time > -0.005:
+                truth.append((place[1], place[0], -place[2], math.pi / 2 - turned))
+            return {'q': heading(math.degrees(turned) + late * jump_deg), 'velocity': [3.0, 0.0, 0.0], 'velocity_frame': 3,
+                    'angular_velocity': [0.0, 0.0, 0.4], 'position': error.apply(place) + late * np.array(shift),
+                    'reset_counter': 7 + (late and count)}
+        found = odometry(pose, 2.0)
+        return np.array([(*numbers(message.pose.pose.position), yaw(message)) for message in found]), np.array(truth)
 
     @pytest.mark.parametrize('jump', [30.0, -170.0, 179.0])
     def test_a_heading_reset_does_not_show(self, jump):
-        out, truth, continuous = self.fly(jump, shift=(5.0, -2.0, 1.0))
-        assert continuous.resets == 1
+        out, truth = self.fly(jump, shift=(5.0, -2.0, 1.0))
         assert np.abs(np.angle(np.exp(1j * (out - truth)[:, 3]))).max() < 1e-3
-        assert np.abs((out - truth)[:, :3]).max() < 1e-2   # velocity carried on over one step of 10 ms of a curve
+        assert np.abs((out - truth)[:, :3]).max() < 1e-2    # velocity carried on over one step of 10 ms of a curve
 
     def test_without_a_count_a_jump_is_a_motion(self):
-        out, _, continuous = self.fly(30.0, count=False)
-        assert continuous.resets == 0 and np.ptp(np.diff(out[:, 3])) > 0.5
+        out, _ = self.fly(30.0, count=False)
+        assert np.ptp(np.diff(out[:, 3])) > 0.5
 
     def test_the_held_place_moves_with_the_estimate(self):
-        place = HeldPosition()
-        assert place.hold() is None
-        place.update(np.array([1.0, 2.0, -3.0]), (0, 0), np.zeros(3), True)
-        assert place.hold() == pytest.approx([1.0, 2.0, -3.0])
-        place.update(np.array([5.0, 2.0, -3.0]), (0, 0), np.zeros(3), True)   # the vehicle drifts: it is to come back
-        assert place.hold() == pytest.approx([1.0, 2.0, -3.0])
-        place.update(np.array([6.0, 3.0, -3.0]), (1, 0), np.array([1.0, 1.0, 9.0]), True)  # the estimator moved it by (1, 1)
-        assert place.hold() == pytest.approx([2.0, 3.0, -3.0])
-        place.update(np.array([8.0, 3.0, -3.0]), (3, 0), np.array([1.0, 0.0, 9.0]), True)  # the first of two shifts was missed
-        assert place.hold() == pytest.approx([8.0, 3.0, -3.0])
-        place.update(np.array([6.0, 3.0, -3.0]), (3, 0), np.zeros(3), True)
-        place.release()
-        assert place.hold() == pytest.approx([6.0, 3.0, -3.0])
-        place.release()
-        place.update(np.array([6.0, 3.0, -3.0]), (1, 0), np.zeros(3), False)
-        assert place.hold() is None
+        rig = Rig()
+        rig.place = (1.0, 2.0, -3.0)
+        rig.hand_over()
+        rig.run(0.6)
+        for place, resets, shift, valid, held in (
+                ((5.0, 2.0, -3.0), (0, 0), (0.0, 0.0, 0.0), True, (1.0, 2.0, -3.0)),     # it drifts, and is to come back
+                ((6.0, 3.0, -3.0), (1, 0), (1.0, 1.0, 9.0), True, (2.0, 3.0, -3.0)),     # the estimator moved it by (1, 1)
+                ((6.0, 3.0, -7.0), (1, 1), (1.0, 1.0, -4.0), True, (2.0, 3.0, -7.0)),    # and down
+                ((7.0, 3.0, -7.0), (1, 1), (0.0, 0.0, 0.0), False, (2.0, 3.0, -7.0)),    # lost for a moment
+                ((8.0, 3.0, -7.0), (3, 1), (1.0, 0.0, 9.0), True, (8.0, 3.0, -7.0))):    # the first of two shifts was missed
+            rig.place, rig.resets, rig.shift, rig.valid = place, resets, shift, valid
+            rig.run(0.1)
+            assert rig.of('trajectory_setpoint')[-1].position == pytest.approx(held)

@@ -13,7 +13,7 @@ from av_common.angles import wrap
 from av_common.frames import attitude_of, yaw_of
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import PointingSettings
+from av_pointing.settings import PointingSettings
 
 LARGEST_ERROR = math.radians(5.0)  # rad, of a bearing that counts as true: ten sigma of what is seen
 STEADY_S = 0.5           # for which all bearings are true before tracking counts as back

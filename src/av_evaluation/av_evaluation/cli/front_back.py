@@ -28,7 +28,7 @@ import numpy as np
 
 from av_common.angles import wrap
 from av_common.arguments import number, whole
-from av_common.rig import load_rig
+from av_common.rig import UNDESCRIBED_GIMBAL, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
 from av_evaluation.hearing.places import KEMAR, read_responses
@@ -36,8 +36,8 @@ from av_evaluation.hearing.signals import drone_files
 from av_evaluation.metrics.metrics import OUTLIER_DEG
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
-from av_pointing.controller import PointingController, PointingSettings
-from av_pointing.settings import with_gimbal
+from av_pointing.controller import PointingController
+from av_pointing.settings import PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.sound import Ground
@@ -88,7 +88,7 @@ def resolve(start: Scenario, method: str, seen: bool = False) -> Resolution:
     """
     rig = load_rig(find_config('rig_gimbal' if method == 'gimbal' else 'rig'))
     tracker = MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal))
-    pointing = PointingController(with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal))
+    pointing = PointingController(PointingSettings(rig.gimbal or UNDESCRIBED_GIMBAL, move_gimbal=rig.gimbal is not None))
     run = OfflineRun(start, rig, tracker, start.seed, pointing)
     for now, bearing in run.steps():
         if bearing is not None and bearing.resolved and (not seen or bearing.source & Bearing.SOURCE_SIGHT):

@@ -14,7 +14,7 @@ from av_audio.localizer import LocalizerSettings
 from av_audio.methods import DOA_METHODS
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
-from av_common.rig import load_rig
+from av_common.rig import UNDESCRIBED_GIMBAL, load_rig
 from av_evaluation.experiments.methods import code_of, estimators_of
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, detection_stage, filmed
@@ -24,8 +24,8 @@ from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.runs.evaluation import evaluate_run
 from av_fusion.settings import TRACKERS
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
-from av_pointing.controller import PointingController, PointingSettings
-from av_pointing.settings import with_gimbal
+from av_pointing.controller import PointingController
+from av_pointing.settings import PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_vision.methods import DETECTORS
@@ -168,7 +168,7 @@ def _measure(case: Case) -> tuple[RunLog, list[str]]:
 def _simulate(case: Case) -> tuple[RunLog, list[str]]:
     scenario = load_scenario(find_config(case.input, 'scenarios'))
     rig = load_rig(find_config(case.rig or scenario.rig.description))
-    settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
+    settings = PointingSettings(rig.gimbal or UNDESCRIBED_GIMBAL, move_gimbal=rig.gimbal is not None)
     pointing = PointingController(settings) if case.follow else None
     tracker = MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal))
     run = OfflineRun(scenario, rig, tracker, case.seed, pointing, estimators_of(case.methods),

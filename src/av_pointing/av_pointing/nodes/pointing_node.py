@@ -24,7 +24,6 @@ from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import PERIOD_S, Mode
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
-from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
 
 PAUSE_S = 1.0  # without a command of a node whose period is PERIOD_S: its process was stopped, and what waits in queues is old
@@ -45,10 +44,10 @@ class PointingNode(RigNode):
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
-        self._gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
-        self._stage = make_pointing_stage(self._settings, self._gimbal)
+        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        self._stage = make_pointing_stage(self._settings, gimbal)
         self._stage.controller.enabled = self._enabled.values == (True,)
-        self._stage.controller.start_at(*self._angles.values)
+        self._stage.controller.gimbal.start_at(*self._angles.values)
         self._refused = 0
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
@@ -85,7 +84,7 @@ class PointingNode(RigNode):
 
     def apply_parameters(self) -> None:
         """Use another limit of the yaw rate from the next command on."""
-        self._stage.controller.limit_rates(pointing_settings(self.settings, self._gimbal))
+        self._stage.controller.set_yaw_rate(math.radians(self.settings.yaw_rate_deg))
 
     def _on_publishers(self, contested: Mapping[str, list[str]]) -> None:
         self._stage.contested = contested
@@ -123,7 +122,8 @@ class PointingNode(RigNode):
     def _publish(self, command: PointingCommand) -> None:
         self._notice_pause()
         self._timer.reset()  # the next command follows within one period
-        self._angles.keep(command.pan, command.tilt)
+        gimbal = self._stage.controller.gimbal
+        self._angles.keep(gimbal.pan.position, gimbal.tilt.position)
         self._publisher.publish(command)
 
     def _instant(self) -> Instant:
