@@ -3,9 +3,10 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'definitions': 'BagError UnknownTypeError',
+    'converters': 'AudioLayout',
+    'definitions': 'BagError UnknownTypeError definition deserialiser serialiser',
     'feed': 'BagRecord Feed',
     'reader': 'Bag',
-    'topics': 'find_topics parse_remappings',
+    'topics': 'KINDS find_topics parse_remappings',
     'writer': 'BagWriter',
 })

@@ -8,14 +8,13 @@ from unittest import mock
 import bag_messages as make
 import lz4.frame
 import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Header
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
-from av_bags.decompression import MOST_BYTES, decompress
-from av_bags.definitions import BagError
-from av_bags.reader import Bag
-from av_bags.writer import BagWriter
+from av_bags import Bag, BagError, BagWriter
 
 GROWTH_KIB = 1_200_000    # the limit twice: as it is decompressed, and joined
 MEGABYTE = bytes(1_000_000)
@@ -56,13 +55,19 @@ def test_a_chunk_that_is_not_what_it_claims_is_named(tmp_path, compression, clai
     assert '\n' not in str(error.value) and peak() - before < GROWTH_KIB
 
 
-@pytest.mark.parametrize(('compression', 'data'), [('zstd', bomb()), ('lz4', lz4.frame.compress(bytes(50_000_000)))])
-def test_no_more_is_decompressed_than_was_claimed(compression, data):
+@pytest.mark.parametrize(('compression', 'data'), [('zstd', bomb()), ('lz4', lz4.frame.compress(bytes(50_000_000)))],
+                         ids=['zstd', 'lz4'])
+@pytest.mark.parametrize(('claimed', 'said'), [(1000, 'more than the 1000 bytes that it claims'),
+                                               (500_000_001, 'expected at most 500 MB')])
+def test_no_more_is_decompressed_than_was_claimed(tmp_path, compression, data, claimed, said):
+    """A file that breaks off behind its only chunk, as one that is being written."""
+    builder = RecordBuilder()
+    Header('ros2', '').write(builder)
+    Chunk(compression, data, 1, 0, 0, claimed).write(builder)
+    (tmp_path / 'bag.mcap').write_bytes(b'\x89MCAP0\r\n' + builder.end())
     before = peak()
-    with pytest.raises(ValueError, match='more than the 1000 bytes that it claims'):
-        decompress(data, compression, 1000)
-    with pytest.raises(ValueError, match='expected at most'):
-        decompress(data, compression, MOST_BYTES + 1)
+    with pytest.raises(BagError, match=said):
+        Bag(tmp_path / 'bag.mcap')
     assert peak() - before < 100_000
 
 

@@ -13,10 +13,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
-from av_bags.definitions import BagError, deserialiser, serialiser
-from av_bags.feed import Feed
-from av_bags.reader import Bag
-from av_bags.topics import find_topics
+from av_bags import AudioLayout, Bag, BagError, Feed, deserialiser, find_topics, serialiser
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message
 from av_interfaces.msg import DoaArray, PointingCommand, Visibility
@@ -124,6 +121,21 @@ def test_a_pose_without_attitude_costs_no_rate_of_the_next_one(tmp_path, lost):
     with Bag(tmp_path / 'bag') as bag:
         rates = [record.message.twist.twist.angular.z for record in Feed(bag, {'odometry': '/pose'})]
     assert [rate for step, rate in enumerate(rates) if step not in (0, 3)] == pytest.approx([0.5] * 6, abs=1e-4)
+
+
+@pytest.mark.parametrize(('data', 'sample_format', 'samples'), [
+    (b'\x00\x40\x00\xc0', 'S16LE', [0.5, -0.5]), (b'\x00\x00\x00\x40\x00\x00\x00\xc0', 'S32LE', [0.5, -0.5]),
+    (b'\x00\x00\x80\x3f\x00\x00\x80\xbf', 'F32LE', [1.0, -1.0])])
+def test_full_scale_is_one_and_a_sample_may_come_in_two_parts(tmp_path, data, sample_format, samples):
+    """By values written out by hand."""
+    with make.bag(tmp_path / 'bag') as write:
+        for time, part in ((make.EPOCH, data[:3]), (make.EPOCH + 0.001, data[3:])):
+            write('/audio/frames', time, make.make('audio_common_msgs/msg/AudioData', np.frombuffer(part, np.uint8)))
+    with Bag(tmp_path / 'bag') as bag:
+        record, = Feed(bag, {'audio/frames': '/audio/frames'}, AudioLayout(48_000, 2, sample_format))
+    np.testing.assert_allclose(record.message.samples, samples)
+    with pytest.raises(BagError, match="'MP3', expected one of S16LE"):
+        AudioLayout(48_000, 1, 'MP3')
 
 
 @pytest.mark.parametrize(('array', 'scale'), [('int16_data', 2**15), ('int32_data', 2**31), ('float32_data', 1.0)])

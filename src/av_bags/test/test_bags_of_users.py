@@ -15,11 +15,10 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
-from av_bags.definitions import SEPARATOR, definition
-from av_bags.feed import Feed
-from av_bags.reader import Bag
+from av_bags import Bag, Feed, definition
 
 SECOND = 10**9
+SEPARATOR = '=' * 80 + '\n'    # of the parts of a definition, by rosbag2
 START = round(make.EPOCH * SECOND)
 FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
 

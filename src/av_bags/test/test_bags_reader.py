@@ -12,10 +12,8 @@ from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from av_bags import Bag, BagError, BagWriter
 from av_bags.cli.repair_bag import main as repair_bag
-from av_bags.definitions import BagError
-from av_bags.reader import Bag
-from av_bags.writer import BagWriter
 
 MILLISECOND = 10**6
 

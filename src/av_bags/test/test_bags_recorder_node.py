@@ -12,9 +12,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
+from av_bags import KINDS, Bag
 from av_bags.nodes.recorder_node import RecorderNode, compress, numbered
-from av_bags.reader import Bag
-from av_bags.topics import KINDS
 from av_common.launched import RESTARTS
 from av_common.parameters import node_parameters
 from av_common.qos import LATCHED, RESULT, STREAM

@@ -15,10 +15,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 
+from av_bags import Bag, BagError, BagWriter, UnknownTypeError, definition
 from av_bags.background_writer import BackgroundWriter
-from av_bags.definitions import BagError, UnknownTypeError, definition
-from av_bags.reader import Bag
-from av_bags.writer import LATCHED, BagWriter
+from av_bags.writer import LATCHED
 
 SECOND = 10**9
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from rosidl_runtime_py.utilities import get_message
 
-from av_bags.topics import KINDS
+from av_bags import KINDS
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 TOPICS = {f'/{name.lstrip("/")}': kinds[0] for name, kinds in KINDS.items()}
