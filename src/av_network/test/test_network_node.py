@@ -6,6 +6,9 @@ import time
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_updater import DiagnosticStatusWrapper
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
 from av_common.node import Executor
@@ -39,6 +42,16 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
             assert time.monotonic() < end, 'nothing is said of the other one'
             executor.spin_once(timeout_sec=0.05)
         assert list(node._stage.rigs) == ['left']
+        # Another version says so; before there were any, the stamp was first.
+        for number, first in ((7, RigReport(version=7)), (10_000, Header(stamp=Time(sec=10_000)))):
+            reports.publish(serialize_message(first))
+            wanted = f'left reports by version {number}, expected 2: install the same release on all rigs'
+            said = DiagnosticStatusWrapper()
+            while wanted not in said.message:
+                assert time.monotonic() < end, 'it is not refused'
+                executor.spin_once(timeout_sec=0.05)
+                said = DiagnosticStatusWrapper()
+                node.refused.report(said)
     finally:
         node.close()
         for each in (node, rig):

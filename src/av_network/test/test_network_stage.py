@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
-from av_network.messages import check_version, version_of
-from av_network.observation import RigSettings
+from av_network import RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, RigPlace
 
 PLACES = {'left': np.array([-20.0, 0.0, 1.5]), 'right': np.array([20.0, 0.0, 1.5]), 'third': np.array([0.0, 20.0, 1.5])}
@@ -276,16 +274,6 @@ def test_a_clock_that_is_set_back_starts_anew():
             stage.on_report(name, report(name, time), time + 0.02)
         message = stage.output(time + 0.05)
     assert message.tracks[0].id > first
-
-
-def test_another_version_is_refused_by_name():
-    """One that says so, and one from before versions, in which the stamp was first."""
-    message = report('left', START)
-    message.version = 7
-    assert version_of(serialize_message(message)) == 7
-    with pytest.raises(ValueError, match='left reports by version 7, expected 2: install the same release on all rigs'):
-        check_version('left', 7)
-    assert version_of(serialize_message(Header(stamp=to_stamp(START)))) == START
 
 
 def test_a_rig_joins_while_the_network_runs():

@@ -3,6 +3,8 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
+    'access': 'Access',
+    'feed': 'COLUMNS Feed row_of',
     'rig_state': 'RigState',
     'server': 'ViewServer',
 })

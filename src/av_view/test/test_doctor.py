@@ -249,6 +249,17 @@ def test_a_machine_without_the_device_is_told_so(tmp_path):
     assert finding.level == 'error' and finding.remedy
 
 
+def test_a_realsense_is_listed_with_its_usb():
+    """By a software device of Intel's SDK."""
+    rs = pytest.importorskip('pyrealsense2', reason='pyrealsense2 is not installed')
+    device = rs.software_device()
+    for key, value in (('name', 'Software D435i'), ('serial_number', '0815'), ('usb_type_descriptor', '2.1')):
+        device.register_info(getattr(rs.camera_info, key), value)
+    (finding,) = program.realsense_devices(rs, [device])
+    assert finding.level == 'warning' and 'realsense:0815' in finding.words and 'USB 2.1' in finding.words
+    assert program.realsense_devices(rs, []) == []
+
+
 TWO_USB = """
 class PortAudioError(Exception): pass
 def query_devices(device=None):

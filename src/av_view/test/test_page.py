@@ -14,10 +14,7 @@ pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 
 from browser import Browser, find_browser
 
-from av_view.access import Access
-from av_view.feed import row_of
-from av_view.rig_state import RigState
-from av_view.server import ViewServer
+from av_view import Access, RigState, ViewServer, row_of
 
 pytestmark = [pytest.mark.system,
               pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]

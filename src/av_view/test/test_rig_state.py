@@ -7,16 +7,25 @@ import math
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point
 from rcl_interfaces.msg import Log
-from view_messages import CAMERA, NOW, bearing, heard, pose, seen
+from view_messages import CAMERA, NOW, bearing, camera, heard, pose, seen
 from vision_msgs.msg import Detection2DArray
 
 from av_common.stamps import to_stamp
-from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
-from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
-from av_view.camera_view import CameraView
-from av_view.feed import COLUMNS, row_of
-from av_view.rig_state import RigState
+from av_interfaces.msg import (
+    AzimuthPosterior,
+    Bearing,
+    DoaArray,
+    FusionState,
+    PointingCommand,
+    RigPose,
+    Track,
+    TrackArray,
+    WorldTrack,
+    WorldTrackArray,
+)
+from av_view import COLUMNS, RigState, row_of
 
 
 def test_without_messages_everything_is_unknown():
@@ -91,8 +100,8 @@ def test_boxes_are_shares_of_the_picture_with_their_azimuths():
 
 def test_what_each_camera_sees_is_named():
     """The second one looks to the left."""
-    state, turn = RigState(), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    state.cameras |= {'camera': CAMERA, 'second_camera': CameraView(CAMERA.model, turn @ CAMERA.rotation)}
+    state = RigState()
+    state.cameras |= {'camera': CAMERA, 'second_camera': camera(math.pi / 2)}
     for topic in ('detections', 'second_camera/detections'):
         state.take(topic, seen(319.5, 239.5))
     first, second = state.snapshot(NOW)['sight']['boxes']
@@ -134,7 +143,9 @@ def test_rows_hold_what_diagrams_show():
     state.cameras['camera'] = CAMERA
     state.on_doa(*heard())
     state.on_bearing(bearing(), NOW)
-    state.take('detections', seen(319.5, 239.5))
+    detections = seen(319.5, 239.5)
+    detections.detections += seen(0.0, 239.5, score=0.3).detections
+    state.take('detections', detections)
     row = dict(zip(COLUMNS, row_of(state.snapshot(NOW)), strict=True))
     assert (row['sound'], row['mirror'], row['sight']) == pytest.approx((5.7, 174.3, 0.0), abs=0.06)
     assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None and row['level'] == -40.0
@@ -186,8 +197,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.on_bearing(bearing(**{**fields, 'azimuth': 0.0}), NOW)
     with pytest.raises(ValueError, match='azimuth'):
         state.on_bearing(bearing(azimuth=math.nan), NOW)
-    state.on_doa(DoaArray(level=value, header=heard()[0].header),
-                 [DoaMeasurement(NOW, (Hypothesis(value, value),) * 2, value)])
+    state.on_doa(*heard((value, value), value, value, value))
     state.take('fusion', FusionState(header=heard()[0].header, sound_confidence=value, visibility=value,
                                      front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
@@ -201,6 +211,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.take('tracks', message)
     snapshot = state.snapshot(NOW)
     json.dumps([snapshot, row_of(snapshot)], allow_nan=False)
+    assert snapshot['bearing']['sigma'] is None
 
 
 @pytest.mark.parametrize(('kind', 'take'), [
@@ -222,3 +233,48 @@ def test_undefined_states_and_modes_are_refused():
     with pytest.raises(ValueError, match='99'):
         state.on_command(PointingCommand(mode=99))
     assert state.snapshot(NOW)['bearing'] is None
+
+
+def world(*tracks, rigs=()):
+    made = WorldTrackArray(tracks=tracks, rigs=rigs)
+    made.header.stamp = to_stamp(NOW)
+    return made
+
+
+def test_an_ellipse_holds_39_percent_of_the_positions():
+    """Within one standard deviation of a normal distribution in the plane: 1 - exp(-1/2)."""
+    covariance, state = np.array([[9.0, 4.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 1.0]]), RigState()
+    state.take('world', world(WorldTrack(position_covariance=covariance.ravel(), positioned=True)))
+    long, short, angle = state.snapshot(NOW)['world']['tracks'][0]['ellipse']
+    x, y = np.random.default_rng(1).multivariate_normal((0.0, 0.0), covariance[:2, :2], 20_000).T
+    turn = math.radians(angle)
+    along, across = math.cos(turn) * x + math.sin(turn) * y, math.cos(turn) * y - math.sin(turn) * x
+    assert np.mean((along / long) ** 2 + (across / short) ** 2 < 1.0) == pytest.approx(1.0 - math.exp(-0.5), abs=0.015)
+    assert np.std(along) == pytest.approx(long, rel=0.02) and np.std(across) == pytest.approx(short, rel=0.02)
+
+
+def test_tracks_and_rigs_have_their_places_while_they_are_recent():
+    state = RigState()
+    covariance = [4.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 9.0]
+    track = WorldTrack(id=3, class_id='drone', position=Point(x=10.0, y=20.0, z=5.0), position_covariance=covariance,
+                       positioned=True, rigs=['left', 'right'])
+    rigs = [RigPose(name='left', position=Point(x=1.0)), RigPose(name='lost', position=Point(x=math.nan))]
+    state.take('world', world(track, rigs=rigs))
+    part = state.snapshot(NOW)['world']
+    assert [rig['name'] for rig in part['rigs']] == ['left']
+    (found,) = part['tracks']
+    assert (found['x'], found['y'], found['z'], found['rigs']) == (10.0, 20.0, 5.0, ['left', 'right'])
+    assert found['ellipse'][:2] == [2.0, 1.0] and abs(found['ellipse'][2]) % 180.0 == 0.0
+    assert state.snapshot(NOW + 5.0)['world'] is None
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -1e300, 1e300])
+def test_places_that_json_cannot_hold_are_left_out(value):
+    state = RigState()
+    state.take('world', world(WorldTrack(position=Point(x=value)), WorldTrack(position_covariance=[value] * 9),
+                            rigs=[RigPose(position=Point(y=value))]))
+    json.dumps(state.snapshot(NOW)['world'], allow_nan=False)
+    bad = world()
+    bad.header.stamp.sec = -5
+    with pytest.raises(ValueError, match='stamp'):
+        state.take('world', bad)

@@ -15,9 +15,7 @@ pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from av_view import server
-from av_view.access import Access
-from av_view.server import MOST_GUESTS, MOST_HOLDERS, ViewServer
+from av_view import Access, ViewServer, server
 
 pytestmark = pytest.mark.system
 
@@ -182,9 +180,9 @@ def test_who_asks_again_and_again_without_reading_is_dropped(page):
 
 def test_all_guests_get_each_update_and_further_ones_are_refused(page):
     with ExitStack() as stack:
-        guests = [stack.enter_context(page.viewer()) for _ in range(MOST_GUESTS)]
+        guests = [stack.enter_context(page.viewer()) for _ in range(server.MOST_GUESTS)]
         holder = stack.enter_context(page.viewer(page.access.token))
-        assert wait_for(lambda: len(page.server._waiting) == MOST_GUESTS + 1)
+        assert wait_for(lambda: len(page.server._waiting) == server.MOST_GUESTS + 1)
         for number in range(1, 11):
             page.publish()
             assert update(holder)[1]['state'] == {'number': number}  # each of them, at once
@@ -216,9 +214,9 @@ def test_the_holder_is_never_refused(page):
     """Further pages with the token take the place of the one that has not asked for longest."""
     with ExitStack() as stack:
         holders = []
-        for number in range(MOST_HOLDERS + 1):
+        for number in range(server.MOST_HOLDERS + 1):
             holders.append(stack.enter_context(page.viewer(page.access.token)))
-            assert wait_for(lambda number=number: len(page.server._waiting) == min(number + 1, MOST_HOLDERS))
+            assert wait_for(lambda number=number: len(page.server._waiting) == min(number + 1, server.MOST_HOLDERS))
         page.publish()
         update(holders[-1]), update(holders[1])
         with pytest.raises(ConnectionClosed, match='1008'):

@@ -9,14 +9,21 @@ from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.stamps import to_stamp
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 from av_interfaces.msg import Bearing, DoaArray
 from av_view.camera_view import CameraView
 
-CAMERA = CameraView(PinholeCamera.from_fov(640, 480, math.radians(70.0)), FLU_TO_OPTICAL.T)
 NOW = 100.0
+
+
+def camera(yaw=0.0):
+    """A level camera of 640 by 480 pixels and 70 degrees that looks to the left by a yaw (rad)."""
+    return CameraView(PinholeCamera.from_fov(640, 480, math.radians(70.0)), rotation_from_rpy(0.0, 0.0, yaw) @ FLU_TO_OPTICAL.T)
+
+
+CAMERA = camera()
 
 
 def bearing(**values):
@@ -29,10 +36,10 @@ def bearing(**values):
     return message
 
 
-def heard(azimuths=(0.1, math.pi - 0.1)):
-    message = DoaArray(level=-40.0, method='gcc_phat')
+def heard(azimuths=(0.1, math.pi - 0.1), variance=0.001, confidence=0.9, level=-40.0):
+    message = DoaArray(level=level, method='gcc_phat')
     message.header.stamp = to_stamp(NOW - 0.1)
-    return message, [DoaMeasurement(NOW - 0.1, tuple(Hypothesis(a, 0.001) for a in azimuths), 0.9)]
+    return message, [DoaMeasurement(NOW - 0.1, tuple(Hypothesis(a, variance) for a in azimuths), confidence)]
 
 
 def seen(x, y, width=40.0, height=20.0, score=0.8):
