@@ -11,17 +11,13 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from std_msgs.msg import Header
 from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import axangle2quat, qmult, quat2mat
 
 from av_common.angles import wrap
 from av_common.clock import SenderClock
-from av_common.frames import BASE_FRAME, ODOM_FRAME, attitude_ned_to_enu, checked_orientation, frd_to_flu, ned_to_enu, yaw_of
-from av_common.pose_messages import odometry_message
-from av_common.stamps import to_stamp
+from av_common.frames import attitude_ned_to_enu, checked_orientation, frd_to_flu, ned_to_enu, yaw_of
 
 Floats: TypeAlias = Sequence[float] | NDArray
 # px4_msgs/VehicleOdometry's numbers of frames.
@@ -128,39 +124,12 @@ class ContinuousPose:
 
 
 def px4_clock() -> SenderClock:
-    """A clock for stamps of PX4, which nobody but its agent sends."""
-    return SenderClock(SYNCHRONISATION_SLEW, EARLY_S)
+    """A clock for stamps of PX4, which nobody but its agent sends.
 
-
-class OdometryConverter:
-    """Converts poses to Odometry messages in a continuous frame, stamped in ROS time.
-
-    PX4's stamps are seconds since boot while its time synchronisation is lost, lag or lead while it converges, and are never
-    taken for ROS time: the offset follows from their arrivals alone. After a jump it is known again after a second.
-
-    Attributes:
-        pose: the continuous frame, with the estimator's corrections of heading and position.
-        clock: PX4's clock, which jumps when time synchronisation is lost or regained; poses that it refuses are not published.
+    They are seconds since boot while PX4's time synchronisation is lost, lag or lead while it converges, and are never taken
+    for ROS time: the offset follows from their arrivals alone. After a jump it is known again after a second.
     """
-
-    def __init__(self) -> None:
-        self.pose, self.clock = ContinuousPose(), px4_clock()
-
-    def convert(self, time: float, arrival: float, pose: Pose, counter: int) -> Odometry | None:
-        """The message of a pose, None when it cannot be dated: at the start and after a jump, for a second each.
-
-        Parameters:
-            time (s): time of validity of the pose, on PX4's clock
-            arrival (s): time of arrival, ROS time
-            pose: pose in the estimator's frame
-            counter: the estimator's reset counter
-        """
-        stamp = self.clock.date(time, arrival)
-        if stamp is None:
-            return None
-        continuous = self.pose.add(time, pose, counter)
-        return odometry_message(Header(stamp=to_stamp(stamp), frame_id=ODOM_FRAME), BASE_FRAME, continuous.position,
-                                continuous.attitude_wxyz, continuous.velocity_flu, continuous.rate_flu)
+    return SenderClock(SYNCHRONISATION_SLEW, EARLY_S)
 
 
 class HeldPosition:

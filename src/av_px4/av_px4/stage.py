@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from std_msgs.msg import Float32MultiArray
+from std_msgs.msg import Float32MultiArray, Header
 
-from av_common.frames import BASE_FRAME, attitude_ned_to_enu
+from av_common.frames import BASE_FRAME, ODOM_FRAME, attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.gimbal_history import FEEDBACK_TIMEOUT_S
+from av_common.pose_messages import odometry_message
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
@@ -37,11 +38,12 @@ from av_px4.guard import (
 from av_px4.handover import VehicleStatus
 from av_px4.odometry import (
     RADIANS_PER_RPM,
+    ContinuousPose,
     HeldPosition,
-    OdometryConverter,
     commanded_speeds,
     measured_speeds,
     pose_from_px4,
+    px4_clock,
 )
 
 STREAMS = ('status', 'odometry', 'position', 'command', 'bearing', 'motors', 'gimbal')
@@ -78,6 +80,8 @@ class Px4Stage:
 
     Attributes:
         max_rate (rad/s): largest yaw rate of the body.
+        pose: the odometry's frame, with the estimator's corrections of heading and position.
+        clock: PX4's clock; poses that it cannot date, for a second after a start or a jump, are not published.
 
     Parameters:
         parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
@@ -93,7 +97,7 @@ class Px4Stage:
         wanted = p.turn_body and p.external_mode and not self.mode_missing
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(versions) if wanted else None
-        self.odometry = OdometryConverter()
+        self.pose, self.clock = ContinuousPose(), px4_clock()
         self.gimbal_feedback = GimbalFeedback(self.gimbal.mount)
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(self.max_rate, p.turn_body and p.offboard)
@@ -202,8 +206,12 @@ class Px4Stage:
         self.meters['odometry'].tick()
         self._attitude = message.q
         time = 1e-6 * (message.timestamp_sample or message.timestamp)
-        odometry = self.odometry.convert(time, arrival.ros, pose, message.reset_counter)
-        return [] if odometry is None else [Outgoing(ODOMETRY_TOPIC, odometry)]
+        stamp = self.clock.date(time, arrival.ros)
+        if stamp is None:
+            return []
+        pose, header = self.pose.add(time, pose, message.reset_counter), Header(stamp=to_stamp(stamp), frame_id=ODOM_FRAME)
+        return [Outgoing(ODOMETRY_TOPIC, odometry_message(header, BASE_FRAME, pose.position, pose.attitude_wxyz,
+                                                          pose.velocity_flu, pose.rate_flu))]
 
     def on_vehicle_local_position(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Store the position, which is held while the body turns."""

@@ -78,7 +78,7 @@ def fly(rng, clock, seconds=30.0, late=lambda time: 0.0):
 def test_no_pose_has_a_wrong_stamp(rng, name):
     found, stage = fly(rng, CLOCKS[name])
     assert np.abs(found[:, 1]).max() < 0.02 + 0.002
-    assert stage.odometry.clock.refused + len(found) == 3000
+    assert stage.clock.refused + len(found) == 3000
 
 
 @pytest.mark.parametrize(('name', 'events'), [
@@ -105,19 +105,19 @@ LATE = {'while all starts': lambda time: 0.05 if time < 3.0 else 0.0,
 def test_lateness_is_no_restart_of_the_clock(rng, late):
     """Nothing is left out after the first second, and what is on time is dated truly within a second and a half."""
     found, stage = fly(rng, synchronised, late=late)
-    assert stage.odometry.clock.restarts == 0 and stage.odometry.clock.refused < 110
+    assert stage.clock.restarts == 0 and stage.clock.refused < 110
     recent = np.array([max(late(time - back) for back in np.arange(0.0, 1.5, 0.05)) for time in found[:, 0]])
     assert np.abs(found[recent == 0.0, 1]).max() < 0.02
 
 
 def test_single_stamps_of_another_clock_cost_nothing_but_themselves(rng):
     found, stage = fly(rng, CLOCKS['lost for single stamps'])
-    assert stage.odometry.clock.restarts == 0
+    assert stage.clock.restarts == 0
     assert (found[:, 0] > 1.5).sum() == pytest.approx(2850 * 6 / 7, rel=0.01)
 
 
 @pytest.mark.parametrize('stamp', [0, 1, 2**63, 2**64 - 1, 3_600_000_000 * 10**6])
 def test_a_clock_that_stands_still_dates_nothing_for_long(rng, stamp):
     found, stage = fly(rng, lambda time: 1e-6 * stamp)
-    assert len(found) < 15 and stage.odometry.clock.refused == 3000 - len(found)
+    assert len(found) < 15 and stage.clock.refused == 3000 - len(found)
     assert all(abs(error) < 0.11 for _, error in found)

@@ -156,16 +156,16 @@ class Px4Node(RigNode):
         status.add('others that steer the vehicle', stage.others)
         status.add('OFFBOARD withheld', stage.offboard_withheld)
         status.add('own mode withheld', stage.mode_withheld)
-        status.add('heading and position resets', str(stage.odometry.pose.resets))
-        status.add('clock restarts', str(stage.odometry.clock.restarts))
-        status.add('odometry undated', str(stage.odometry.clock.refused))
+        status.add('heading and position resets', str(stage.pose.resets))
+        status.add('clock restarts', str(stage.clock.restarts))
+        status.add('odometry undated', str(stage.clock.refused))
 
     def _problems(self) -> list[str]:
         gimbal, mode = self._stage.gimbal, self._stage.mode
         found = [*self._link.problems.values(), mode.problem if mode else '']
-        if self._stage.odometry.clock.refused > self._undated:
+        if self._stage.clock.refused > self._undated:
             found.append("poses that cannot be dated: PX4's clock has jumped, see UXRCE_DDS_SYNCT")
-        self._undated = self._stage.odometry.clock.refused
+        self._undated = self._stage.clock.refused
         if self._link.topic('vehicle_status') is None and 'vehicle_status' not in self._link.problems:
             found.append('no topics of PX4: is MicroXRCEAgent running, and UXRCE_DDS_CFG set?')
         elif self._stage.meters['status'].age > STATUS_TIMEOUT:
