@@ -19,6 +19,7 @@ from av_simulator.motion.axes import YawAxis, YawResponse
 
 STEP_S = 0.005
 TICK_HZ = 30.0    # of commands without messages
+RESET_S = 8.0
 START_S, EPOCH_S = 100.0, 1.7e9    # of the simulated steady clock, and of ROS time
 Direction = Callable[[float], float]
 
@@ -39,6 +40,8 @@ class Conditions:
         noise (rad): standard deviation of bearings.
         stalls (s): longest of the stalls of the process that gives commands, of which there are two a second; 0 for none.
         world: bearings carry the direction in the world, too.
+        drift (rad/s): rate at which the vehicle turns besides.
+        reset (rad): by which the estimator of the heading corrects itself, and with it all directions in the world, at RESET_S.
         seed: of noise and jitter.
     """
 
@@ -55,6 +58,8 @@ class Conditions:
     noise: float = 0.0
     stalls: float = 0.0
     world: bool = True
+    drift: float = 0.0
+    reset: float = 0.0
     fastest: float = math.inf
     seed: int = 1
 
@@ -99,14 +104,14 @@ class _Simulation:
         self._random = np.random.default_rng(conditions.seed)
         self._on_the_way: list[tuple[float, str, float, float]] = []   # arrival, kind, capture, yaw
         self._due = {'bearing': 0.0, 'odometry': 0.0, 'tick': 0.0}
-        self._stalled = self._commanded = 0.0
+        self._stalled = self._commanded = self._yaw = 0.0
         self._newest = -math.inf
         self._arrives: dict[str, float] = {}
 
     def step(self, time: float) -> None:
         """Simulate STEP_S to `time` (s)."""
         c, loop = self._conditions, self.loop
-        self.vehicle.step(STEP_S, time)
+        self._yaw = self.vehicle.step(STEP_S, time) + c.drift * time
         self._send('odometry', c.odometry_rate, c.odometry_age, time)
         self._send('bearing', c.bearing_rate, c.bearing_age, time)
         if c.stalls and self._random.random() < 2.0 * STEP_S:
@@ -116,8 +121,8 @@ class _Simulation:
                 self._commanded = command.yaw_rate
                 self.vehicle.command(c.gain * self._commanded, time)
         loop.time.append(time)
-        loop.yaw.append(self.vehicle.angle)
-        loop.error.append(float(wrap(self._target(time) - self.vehicle.angle)))
+        loop.yaw.append(self._yaw)
+        loop.error.append(float(wrap(self._target(time) - self._yaw)))
         loop.command.append(self._commanded)
 
     def _send(self, kind: str, rate: float, age: float, time: float) -> None:
@@ -126,7 +131,7 @@ class _Simulation:
             self._due[kind] += (1.0 + (varied * self._random.uniform(-1.0, 1.0) if varied else 0.0)) / rate
             late = max(age + min(self._conditions.age_jitter, age) * self._random.standard_normal(), 0.0)
             self._arrives[kind] = max(time + late, self._arrives.get(kind, 0.0))    # the middleware keeps the order
-            self._on_the_way.append((self._arrives[kind], kind, time, self.vehicle.angle))
+            self._on_the_way.append((self._arrives[kind], kind, time, self._yaw))
 
     def _commands(self, time: float) -> list[PointingCommand]:
         """The commands that follow from what has arrived, or from the time."""
@@ -135,7 +140,7 @@ class _Simulation:
         self._on_the_way = [item for item in self._on_the_way if item[0] > time]
         for _, kind, captured, yaw in arrived:
             if kind == 'odometry':
-                self._stage.on_odometry(_odometry(captured, yaw), now)
+                self._stage.on_odometry(_odometry(captured, yaw + self._corrected(captured)), now)
                 continue
             if time < self._measured_until:
                 self._newest, self.loop.newest = max(self._newest, captured), time
@@ -147,12 +152,16 @@ class _Simulation:
             self._due['tick'] = time + 1.0 / TICK_HZ
         return commands
 
+    def _corrected(self, time: float) -> float:
+        return self._conditions.reset if time >= RESET_S else 0.0
+
     def _bearing(self, captured: float, now: float, yaw: float) -> Bearing:
         c, target = self._conditions, self._target
         direction = target(captured) + c.noise * self._random.standard_normal()
         message = Bearing(
             state=Bearing.STATE_VISUAL_ACTIVE, resolved=True, azimuth=float(wrap(direction - yaw)), azimuth_variance=1e-3,
-            azimuth_world=float(wrap(direction)), azimuth_world_rate=(target(captured + 0.05) - target(captured - 0.05)) / 0.1,
+            azimuth_world=float(wrap(direction + self._corrected(captured))),
+            azimuth_world_rate=(target(captured + 0.05) - target(captured - 0.05)) / 0.1,
             attitude_known=c.world, measured=to_stamp(EPOCH_S + self._newest))
         message.header.stamp = to_stamp(EPOCH_S + (captured if c.stamped else now))
         return message

@@ -83,6 +83,22 @@ def test_it_settles_in_other_conditions(conditions):
     assert loop.rms_deg(9.0) < 2.0 and swing_deg(loop, 4.0) < 6.0
 
 
+@pytest.mark.parametrize('target', ['at rest', 'at 20 deg/s'])
+@pytest.mark.parametrize('drift_deg', [5.0, -10.0])
+def test_a_body_that_turns_by_itself_is_held_on_the_target(target, drift_deg):
+    """A boat in a current, or in wind: 10 deg/s alone would leave it 8 deg off."""
+    loop = close_loop(make_stage(), Conditions(lag=0.8, drift=math.radians(drift_deg), **FULL), TARGETS[target], 20.0)
+    assert loop.rms_deg(10.0) < 4.0 and swing_deg(loop, 4.0) < 3.0
+
+
+@pytest.mark.parametrize('reset_deg', [40.0, -170.0])
+@pytest.mark.parametrize('target', ['at rest', 'at 20 deg/s'])
+def test_an_estimator_that_corrects_its_heading_teaches_nothing(target, reset_deg):
+    """Odometry and directions in the world jump at once, the body does not: what was learned of the vehicle holds."""
+    loop = close_loop(make_stage(), Conditions(reset=math.radians(reset_deg), **FULL), TARGETS[target], 16.0)
+    assert loop.rms_deg(9.5) < 0.5
+
+
 class LimitedStage(PointingStage):
     """Its commands reach the vehicle as px4_node lets them through: at most a rate, which it is told."""
 

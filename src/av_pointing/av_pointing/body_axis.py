@@ -114,6 +114,7 @@ class BodyAxis:
         acceleration = self.acceleration if aim.rate else 0.0
         rate = min(max(aim.rate + acceleration * elapsed, -limits.rate), limits.rate)
         azimuth = aim.azimuth + (aim.rate + 0.5 * acceleration * elapsed) * elapsed
+        rate -= self.motion.drift
         error = wrap(azimuth - ahead.yaw + self.motion.yaw(aim.time)) - ahead.further + rate * response.lag
         beyond = math.copysign(max(abs(error) - DEAD_BAND, 0.0), error)
         axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, self.bandwidth)

@@ -23,6 +23,9 @@ FORGET_S = 8.0             # time of turning after which what was seen counts by
 LEAST_TURN = math.radians(0.3)      # smaller turns between two angles tell nothing
 ANGLE_NOISE = math.radians(0.1)     # least standard deviation of the difference of two angles
 WEAK_TURN = math.radians(3.0)       # turns of less than this do not change the expected gain of 1
+DRIFTING = math.radians(10.0)       # rad/s, standard deviation of a rate that nothing commands: of a boat in a current, or wind
+DRIFT_S = 3.0              # time after which what was seen of it counts by 1/e
+FASTEST = math.radians(150.0)       # rad/s, of vehicles; between angles that are further apart an estimator corrected itself
 TEMPER = 3.0               # successive differences count as one in three: errors of a wrong model are correlated
 LEAST_GAIN, LARGEST_GAIN = 0.5, 1.3
 
@@ -68,6 +71,7 @@ class BodyMotion:
     Attributes:
         response: the estimated answer.
         following: share of the commanded turn that the vehicle made; near 0 while a pilot holds it.
+        drift (rad/s): rate at which it turns besides.
 
     Parameters:
         prior: the answer that is expected, with its uncertainty.
@@ -75,12 +79,13 @@ class BodyMotion:
 
     def __init__(self, prior: Response | None = None) -> None:
         self.response = prior or Response()
-        self.following = 1.0
+        self.following, self.drift = 1.0, 0.0
         sigma = self.response.uncertainty
         self._log_prior = -0.5 * (((LAGS[:, None] - self.response.lag) / sigma) ** 2
                                   + ((DEAD_TIMES - self.response.dead_time) / (0.5 * sigma)) ** 2)
         self._sums = np.zeros((2, LAGS.size, DEAD_TIMES.size))   # of (model's turn)^2, and of that times the measured turn
         self._measured, self._count = 0.0, 0.0                   # sum of (measured turn)^2, number of turns
+        self._drifted, self._by_time = np.zeros_like(self._sums[0]), np.zeros(2)    # model's turn, measured turn, time; by time
         self._blend = np.zeros(LAGS.size)
         self._turns, self._rates = np.zeros((LAGS.size, MEMORY)), np.zeros(LAGS.size)
         self._step, self._command, self._commanded = 0, 0.0, -math.inf
@@ -137,7 +142,7 @@ class BodyMotion:
         if not self._yaws.entries:
             return turned
         known, yaw = self._yaws.entries[-1]
-        return yaw + turned - self._modelled(known - self.response.dead_time)
+        return yaw + turned - self._modelled(known - self.response.dead_time) + self.drift * (time - known)
 
     def ahead(self, time: float) -> Ahead:
         """What the commands until `time` (s) lead to."""
@@ -160,19 +165,27 @@ class BodyMotion:
 
     def _learn(self, begin: float, end: float, turn: float) -> None:
         modelled = self._at(end, DEAD_TIMES) - self._at(begin, DEAD_TIMES)
-        if max(abs(turn), float(np.abs(modelled).max())) < LEAST_TURN:
+        time = end - begin
+        if abs(turn) > FASTEST * time:
             return
-        keep = math.exp((begin - end) / FORGET_S)
-        self._sums = keep * self._sums + np.array([modelled**2, modelled * turn])
-        self._measured = keep * self._measured + turn**2
-        self._count = keep * self._count + 1.0
+        recent = math.exp(-time / DRIFT_S)
+        self._drifted = recent * self._drifted + modelled * time
+        self._by_time = recent * self._by_time + np.array([turn * time, time**2])
+        if max(abs(turn), float(np.abs(modelled).max())) >= LEAST_TURN:
+            keep = math.exp(-time / FORGET_S)
+            self._sums = keep * self._sums + np.array([modelled**2, modelled * turn])
+            self._measured = keep * self._measured + turn**2
+            self._count = keep * self._count + 1.0
         self._estimate()
 
     def _estimate(self) -> None:
-        squares, products = self._sums
-        weak = WEAK_TURN**2   # a gain of 1 is expected
-        gains = np.clip((products + weak) / (squares + weak), 0.0, 1.5)
-        errors = self._measured - 2.0 * gains * products + gains**2 * squares
+        (squares, products), drifted = self._sums, self._drifted
+        turned, times = self._by_time
+        weak, still = WEAK_TURN**2, (WEAK_TURN / DRIFTING) ** 2   # a gain of 1 is expected, and no drift
+        times += still
+        gains = np.clip((times * (products + weak) - drifted * turned) / (times * (squares + weak) - drifted**2), 0.0, 1.5)
+        drifts = (turned - gains * drifted) / times
+        errors = self._measured - 2.0 * gains * products + gains**2 * squares - times * drifts**2
         variance = max(float(errors.min()) / max(self._count, 1.0), ANGLE_NOISE**2)  # of all models that of the best
         exponent = self._log_prior - errors / (2.0 * TEMPER * variance)
         weights = np.exp(exponent - exponent.max())
@@ -181,6 +194,6 @@ class BodyMotion:
         self._blend = lags
         lag, dead_time = float(lags @ LAGS), float(dead_times @ DEAD_TIMES)
         total = LAGS[:, None] + DEAD_TIMES
-        self.following = float((weights * gains).sum())
+        self.following, self.drift = float((weights * gains).sum()), float((weights * drifts).sum())
         self.response = Response(dead_time, lag, min(max(self.following, LEAST_GAIN), LARGEST_GAIN),
                                  math.sqrt(float((weights * (total - lag - dead_time) ** 2).sum())))

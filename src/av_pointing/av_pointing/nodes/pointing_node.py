@@ -158,6 +158,7 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, body.problem)
         status.add('dead time of the body (s)', f'{response.dead_time:.2f}')
         status.add('lag of the body (s)', f'{response.lag:.2f}')
+        status.add('drift of the body (deg/s)', f'{math.degrees(body.motion.drift):.1f}')
         status.add('uncertainty of both (s)', f'{response.uncertainty:.2f}')
         status.add('share of commanded turns that the body made', f'{body.motion.following:.2f}')
         status.add('largest yaw rate (deg/s)', f'{math.degrees(body.limits.rate):.1f}')
