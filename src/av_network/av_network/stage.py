@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,20 +76,15 @@ class NetworkStage:
         rigs: what came from each, by its name, in the order of the tracker.
 
     Parameters:
-        rigs: what is known of each.
-        places: how the place of each is known.
         datum: latitude, longitude (deg) and altitude above the ellipsoid (m) of the origin; NaN where they are not known.
     """
 
-    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace],
-                 datum: tuple[float, float, float] = NO_DATUM) -> None:
+    def __init__(self, datum: tuple[float, float, float] = NO_DATUM) -> None:
         self._datum = datum
         self.tracker, self.queue = NetworkTracker(()), ReportQueue(WAIT_S)
         self.rigs: dict[str, RigInput] = {}
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
-        for rig, place in zip(rigs, places, strict=True):
-            self.join(rig, place)
 
     def join(self, rig: RigSettings, place: RigPlace) -> None:
         """Take one more rig. Raises ValueError for a name that is known already.

@@ -32,9 +32,11 @@ def report(rig, time, heading=0.0, **values):
                      position=np.full(3, np.nan, np.float32))
 
 
-def stage_of(names=('left', 'right'), source=SURVEYED, **settings):
-    rigs = [RigSettings(name, 0.01, 0.001 if index else 0.0) for index, name in enumerate(names)]
-    return NetworkStage(rigs, [RigPlace(source, PLACES[name]) for name in names], **settings)
+def stage_of(names=('left', 'right'), source=SURVEYED, clock_sigma=0.001, **settings):
+    stage = NetworkStage(**settings)
+    for index, name in enumerate(names):
+        stage.join(RigSettings(name, 0.01, clock_sigma if index else 0.0), RigPlace(source, PLACES[name]))
+    return stage
 
 
 def run(stage, names, seconds=5.0, **values):
@@ -196,8 +198,7 @@ def test_singular_or_huge_information_is_not_believed():
 
 def test_the_future_is_refused_beyond_the_uncertainty_of_the_clock():
     """The first rig has the reference clock: 0.1 s for the step of a timer. The other one's is known within 0.05 s."""
-    rigs = [RigSettings('left', 0.01, 0.0), RigSettings('right', 0.01, 0.05)]
-    stage = NetworkStage(rigs, [RigPlace(SURVEYED, PLACES[rig.name]) for rig in rigs])
+    stage = stage_of(clock_sigma=0.05)
     for name, ahead in (('left', 0.09), ('right', 0.29)):
         stage.on_report(name, report(name, START + ahead), START)
         with pytest.raises(ValueError, match=rf'stamp of {name} \+0.32 s from its arrival'):

@@ -39,7 +39,7 @@ class NetworkNode(RigNode):
     def configure(self) -> None:
         """Build the stage from the parameters. Raises ValueError where no rig is named yet, and none may join."""
         topics, places, datum = _network(self.settings)
-        self._stage = NetworkStage((), (), datum)
+        self._stage = NetworkStage(datum)
         self._topics: dict[str, str] = {}
         self._meters: dict[str, RateMeter] = {}
         for (name, topic), place in zip(topics.items(), places, strict=True):
