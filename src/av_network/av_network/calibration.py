@@ -19,7 +19,6 @@ HEADING_DRIFT, CLOCK_DRIFT = math.radians(0.01), 1e-4  # rad and s per sqrt(s): 
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 SEGMENT_S = 2.5  # of a track, ten reports of each rig
 STEP_S = 0.1  # between the states of its track; with 0.25 s clocks are 14 ms off (`network offsets`), with 0.05 s 6
-LEAST_OBSERVATIONS = 12  # of a segment: four numbers for each of the six of its track
 ITERATIONS = 2  # after one, clocks are up to 60 ms off, after two 8
 DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
@@ -87,7 +86,7 @@ class RigCalibration:
             segment.append((observation, state, time))
             return
         del self._segments[target]
-        if len(segment) >= LEAST_OBSERVATIONS and len({one.rig for one, _, _ in segment}) > 1:
+        if len({one.rig for one, _, _ in segment}) > 1:
             self._learn(segment)
 
     def forget(self, target: int) -> None:

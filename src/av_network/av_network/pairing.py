@@ -22,7 +22,6 @@ WIDE_M = 300.0  # standard deviation of a position before the first observation
 MOST_SIGMA_M = 15.0  # standard deviation of a position, the largest of any axis, at which a track ends
 MOST_CANDIDATES = 40  # that are examined at a time
 RECENT_S = 0.6  # for which a direction can be paired with that of another rig
-MOST_PROPOSED = 8  # candidates by one report
 MOST_PARTNERS = 8  # rigs, those that reported last, with whose directions others are paired: a target needs two
 MOST_APART = 9.0  # squared distance of two directions where they are closest, over its variance
 LEAST_SINE_SQUARED = 1e-3  # of the angle between two directions
@@ -130,7 +129,7 @@ class Pairing:
                         if other != rig and time - noted < RECENT_S)[-MOST_PARTNERS:]
         others = [one for _, other in recent for one in self._contested[other][1]]
         self._contested[rig] = time, reported
-        room = min(MOST_PROPOSED, MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses))
+        room = MOST_CANDIDATES - sum(not each.confirmed for each in hypotheses)
         if not others or room <= 0:
             return
         lines = lines_of([*reported, *others])
