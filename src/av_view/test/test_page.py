@@ -247,3 +247,12 @@ def test_the_page_may_be_below_a_path_of_another_web_server(rig):
         browser.open(f'http://127.0.0.1:{proxy.server_address[1]}/rig/#{rig.address.partition("#")[2]}')
         assert browser.wait_for('typeof permitted !== "undefined" && permitted')
         proxy.shutdown()
+
+
+def test_a_browser_that_keeps_nothing_shows_the_page(rig):
+    """All cookies are blocked, and with them what a page may keep."""
+    with Browser(find_browser()) as browser:
+        browser.command('Page.addScriptToEvaluateOnNewDocument', source='Object.defineProperty(window, "sessionStorage", '
+                        '{ get() { throw new DOMException("Access is denied", "SecurityError"); } })')
+        browser.open(rig.address)
+        assert browser.wait_for('typeof permitted !== "undefined" && permitted', 10.0)

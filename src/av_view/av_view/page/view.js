@@ -5,8 +5,9 @@ const WINDOW_S = 60, RETRY_MS = 1000;
 const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, LEVEL] = Array(12).keys(), [DELAY_MS, OFF_SOUND, OFF_SIGHT, OFF_FUSED] = [12, 13, 14, 15];
 const $ = id => document.getElementById(id);
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
-if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
+const kept = given => { try { if (given) sessionStorage.setItem('token', given); return sessionStorage.getItem('token') ?? ''; } catch { return given; } }; // some browsers keep nothing
+const token = kept(location.hash.slice(1));
+if (location.hash) history.replaceState(null, '', location.pathname);
 window.onhashchange = () => location.reload(); // another token
 
 let socket, pending, retry, bagsAsked = -Infinity, tuningAsked = -Infinity, number = 0, serial = 0, followed = 0, chosen = null, rows = [], state = null, nodes = [], offers = [], control = false, permitted = false, northUp = false;
