@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from mcap.records import McapRecord
 from numpy.typing import NDArray
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat, Qos
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
@@ -44,11 +44,13 @@ class Topic:
         name: absolute name of the topic.
         kind: type of its messages, 'package/msg/Type'.
         count: number of messages.
+        qos: what its publishers offered; none where the bag does not say.
     """
 
     name: str
     kind: str
     count: int
+    qos: tuple[Qos, ...] = ()
 
 
 class Bag(AbstractContextManager['Bag']):
@@ -87,7 +89,8 @@ class Bag(AbstractContextManager['Bag']):
         counts: Counter[tuple[str, str]] = Counter()
         for connection in connections:
             counts[connection.topic, _kind_of(connection)] += connection.msgcount
-        most = {topic: Topic(topic, kind, count) for (topic, kind), count in reversed(counts.most_common())}
+        offered = {c.topic: tuple(c.ext.offered_qos_profiles) for c in connections if isinstance(c.ext, ConnectionExtRosbag2)}
+        most = {topic: Topic(topic, kind, count, offered[topic]) for (topic, kind), count in reversed(counts.most_common())}
         self.topics = {topic: most[topic] for topic, _ in counts}
         self._problems |= {f'{topic}: {count} messages of {kind} are not read, most are {self.topics[topic].kind}': None
                            for (topic, kind), count in counts.items() if kind != self.topics[topic].kind}

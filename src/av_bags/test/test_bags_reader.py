@@ -10,6 +10,7 @@ from mcap.reader import SeekingReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from av_bags import Bag, BagError, BagWriter
@@ -258,3 +259,19 @@ def test_a_database_becomes_an_mcap_with_the_definitions_of_its_own(tmp_path):
     with AnyReader([tmp_path / 'bag.mcap']) as reader:
         ((connection, time_ns, data),) = reader.messages()
         assert (time_ns, reader.deserialize(data, connection.msgtype).kelvin) == (5, 300.5)
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('told', [True, False])
+def test_topics_stay_latched(tmp_path, storage, told):
+    """As those of a robot's description; where a bag does not say, static transforms are."""
+    profile = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, *[QosTime(0, 0)] * 2,
+                  QosLiveliness.AUTOMATIC, QosTime(0, 0), False)
+    name = '/robot_description' if told else '/tf_static'
+    with make_foreign(tmp_path / 'bag', storage) as writer:
+        topic = writer.add_connection(name, 'std_msgs/msg/String', typestore=make.TYPES,
+                                      offered_qos_profiles=[profile] if told else ())
+        writer.write(topic, 1, make.cdr(make.make('std_msgs/msg/String', '<robot/>')))
+    assert repair_bag([str(tmp_path / 'bag'), '--out', str(tmp_path / 'mended.mcap')]) == 0
+    with AnyReader([tmp_path / 'mended.mcap']) as reader:
+        assert reader.connections[0].ext.offered_qos_profiles[0].durability == QosDurability.TRANSIENT_LOCAL

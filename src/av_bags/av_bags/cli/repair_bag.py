@@ -22,8 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with Bag(options.bag) as bag, BagWriter(options.out) as out:
             for topic in bag.topics.values():
                 try:
-                    qos = LATCHED if topic.name.endswith(f'/{FRAMES}') else DEFAULT_QOS
-                    out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
+                    usual = LATCHED if topic.name.endswith(f'/{FRAMES}') else DEFAULT_QOS
+                    out.add_topic(topic.name, topic.kind, next(iter(topic.qos), usual), bag.definition(topic.name))
                 except ValueError as error:    # of a type that is defined neither in the bag nor here
                     problems.append(f'{topic.name} is left out: {error}')
             for row in bag.messages(out.counts):
