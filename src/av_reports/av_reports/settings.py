@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from av_reports.contacts import Place
-from av_reports.cot.connection import CotAddress, check_address
+from av_reports.cot.connection import check_address
 from av_reports.identifiers import is_uuid
 from av_reports.link import parse_peer
 from av_reports.stage import ReportSettings
@@ -50,16 +50,6 @@ def report_settings(values: Any) -> ReportSettings:
     return ReportSettings(values.only_drones, values.positions, values.north, place, heading)
 
 
-def cot_address(values: Any) -> CotAddress:
-    """Where events go.
-
-    Parameters:
-        values: the parameters.
-    """
-    given = values.cot
-    return CotAddress(given.url, client_cert=given.client_cert, client_key=given.client_key, ca_file=given.ca_file)
-
-
 def check_settings(values: Any) -> None:
     """Raise ValueError where parameters do not fit each other.
 
@@ -72,4 +62,4 @@ def check_settings(values: Any) -> None:
     if node_id and not is_uuid(node_id, 4):  # the middleware acknowledges no others
         raise ValueError(f'sapient.node_id is {node_id!r:.80}, expected a UUID of version 4, or nothing for one of its own')
     if values.cot.url:
-        check_address(cot_address(values))
+        check_address(values.cot)

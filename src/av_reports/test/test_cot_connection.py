@@ -12,11 +12,12 @@ import time
 import uuid
 from contextlib import closing
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 from link_peer import LONG_S, exactly, wait_for, without_pauses
 
-from av_reports.cot.connection import CotAddress, check_address, connect
+from av_reports.cot.connection import check_address, connect
 from av_reports.identifiers import node_uuid
 from av_reports.link import Link
 
@@ -31,8 +32,13 @@ def short_pauses(monkeypatch):
     without_pauses(monkeypatch)
 
 
-def opened(address):
-    link = Link(partial(connect, address))
+def to(url, client_cert='', client_key='', ca_file=''):
+    """The parameters `cot` of the node."""
+    return SimpleNamespace(url=url, client_cert=str(client_cert), client_key=str(client_key), ca_file=str(ca_file))
+
+
+def opened(url):
+    link = Link(partial(connect, to(url), '127.0.0.1'))
     wait_for(lambda: link.take().session)
     return closing(link)
 
@@ -44,7 +50,7 @@ def test_a_group_gets_datagrams_that_do_not_leave_the_network():
         membership = socket.inet_aton(GROUP) + socket.inet_aton('127.0.0.1')
         receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         receiver.settimeout(LONG_S)
-        with opened(CotAddress(f'udp://{GROUP}:{receiver.getsockname()[1]}', '127.0.0.1')) as link:
+        with opened(f'udp://{GROUP}:{receiver.getsockname()[1]}') as link:
             link.put([EVENT], 1)
             data, ancillary, _, _ = receiver.recvmsg(2000, 100)
             lives = [struct.unpack('i', value)[0] for _, kind, value in ancillary if kind == socket.IP_TTL]
@@ -55,8 +61,7 @@ def test_a_host_gets_datagrams_and_its_absence_harms_nothing():
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as receiver:
         receiver.bind(('127.0.0.1', 0))
         receiver.settimeout(LONG_S)
-        address = CotAddress(f'udp://127.0.0.1:{receiver.getsockname()[1]}')
-        with opened(address) as link:
+        with opened(f'udp://127.0.0.1:{receiver.getsockname()[1]}') as link:
             link.put([EVENT], 1)
             assert receiver.recv(2000) == EVENT
             receiver.close()
@@ -69,7 +74,7 @@ def test_a_host_gets_datagrams_and_its_absence_harms_nothing():
 
 def test_tcp_gets_a_stream_and_what_it_sends_is_thrown_away():
     server = socket.create_server(('127.0.0.1', 0))
-    with server, opened(CotAddress(f'tcp://127.0.0.1:{server.getsockname()[1]}')) as link:
+    with server, opened(f'tcp://127.0.0.1:{server.getsockname()[1]}') as link:
         peer, _ = server.accept()
         peer.settimeout(LONG_S)
         peer.sendall(b'<event>' * 300_000)
@@ -101,8 +106,7 @@ def keys(tmp_path_factory):
 
 
 def secured(keys, port, authority):
-    return CotAddress(f'tls://127.0.0.1:{port}', '0.0.0.0', str(keys / 'own.pem'), str(keys / 'own.key'),
-                      str(keys / f'{authority}_ca.pem'))
+    return to(f'tls://127.0.0.1:{port}', keys / 'own.pem', keys / 'own.key', keys / f'{authority}_ca.pem')
 
 
 @pytest.fixture
@@ -143,13 +147,15 @@ def test_a_server_of_another_authority_gets_nothing(keys, tls_server):
                                  'log://stdout:1', 'tcp://host:99999', 'udp+ro://239.2.3.1:6969', 'tcp://host:1/path'])
 def test_other_addresses_are_refused(url):
     with pytest.raises(ValueError, match='expected udp://'):
-        check_address(CotAddress(url))
+        check_address(to(url))
 
 
 def test_tls_needs_its_files(keys):
-    check_address(secured(keys, 8089, 'own'))
+    address = secured(keys, 8089, 'own')
+    check_address(address)
+    address.client_key = 'nowhere.key'
     with pytest.raises(ValueError, match='cot.client_key'):
-        check_address(secured(keys, 8089, 'own')._replace(client_key='nowhere.key'))
+        check_address(address)
 
 
 def test_a_node_keeps_the_uuid_it_has_drawn(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import socket
 import ssl
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import urlparse
 
 from av_reports.cot.stage import CotStage
@@ -20,24 +20,13 @@ PASSWORD = 'PYTAK_TLS_CLIENT_PASSWORD'  # variable of the environment, as other 
 LARGEST_DATAGRAM = 1400  # bytes, so that none is cut in pieces
 
 
-class CotAddress(NamedTuple):
-    """Where events go.
+def check_address(address: Any) -> None:
+    """Raise ValueError where an address cannot be used.
 
     Parameters:
-        url: udp://239.2.3.1:6969, udp://host:port, tcp://host:port or tls://host:port.
-        multicast_interface: address of the interface from which groups are sent to; 0.0.0.0 leaves it to the system.
-        client_cert, client_key, ca_file: files of TLS, in PEM.
+        address: the parameters `cot` of report_node: url (udp://239.2.3.1:6969, udp://host:port, tcp://host:port or
+            tls://host:port), and of TLS the files client_cert, client_key and ca_file, in PEM.
     """
-
-    url: str
-    multicast_interface: str = '0.0.0.0'
-    client_cert: str = ''
-    client_key: str = ''
-    ca_file: str = ''
-
-
-def check_address(address: CotAddress) -> None:
-    """Raise ValueError where an address cannot be used."""
     parts = urlparse(address.url)
     try:
         usable = parts.scheme in SCHEMES and bool(parts.hostname) and bool(parts.port) and not parts.path
@@ -53,11 +42,12 @@ def check_address(address: CotAddress) -> None:
                                  'authority which signed that of the server')
 
 
-async def connect(address: CotAddress) -> Channel:
+async def connect(address: Any, multicast_interface: str = '0.0.0.0') -> Channel:
     """Open the way. Raises OSError where the peer cannot be reached, or certificates cannot be used.
 
     Parameters:
-        address: where to.
+        address: where to, see `check_address`.
+        multicast_interface: address of the interface from which groups are sent to; 0.0.0.0 leaves it to the system.
     """
     parts = urlparse(address.url)
     if parts.scheme == 'udp':
@@ -65,7 +55,7 @@ async def connect(address: CotAddress) -> Channel:
         family, _, _, _, peer = found[0]
         own = socket.socket(family, socket.SOCK_DGRAM)
         if family == socket.AF_INET:
-            own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address.multicast_interface))
+            own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(multicast_interface))
         return DatagramChannel(own, peer)
     context = None
     if parts.scheme == 'tls':
@@ -112,10 +102,10 @@ class CotOutput:
 
     Parameters:
         uid, callsign: of the rig, see `CotStage`.
-        address: where to; one that can be used.
+        address: where to, see `check_address`.
     """
 
-    def __init__(self, uid: str, callsign: str, address: CotAddress) -> None:
+    def __init__(self, uid: str, callsign: str, address: Any) -> None:
         self._address = address
         self._stage = CotStage(uid, callsign)
         self._link = Link(partial(connect, address))

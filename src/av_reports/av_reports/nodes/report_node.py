@@ -19,7 +19,7 @@ from av_reports.identifiers import node_uuid
 from av_reports.link import parse_peer
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
-from av_reports.settings import SapientSettings, check_settings, cot_address, report_settings
+from av_reports.settings import SapientSettings, check_settings, report_settings
 from av_reports.stage import ReportStage
 from av_reports.track_log import TrackLog
 
@@ -83,7 +83,7 @@ class ReportNode(RigNode):
             self._outputs['sapient'] = SapientOutput(node, parse_peer(settings.sapient.peer), self._commands.perform)
         if settings.cot.url:
             callsign = self.get_namespace().strip('/') or 'rig'
-            self._outputs['cot'] = CotOutput(node_uuid(name), callsign, cot_address(settings))
+            self._outputs['cot'] = CotOutput(node_uuid(name), callsign, settings.cot)
         if settings.log.folder:
             self._outputs['log'] = TrackLog(Path(settings.log.folder).expanduser())
 
