@@ -55,11 +55,16 @@ class FusionNode:
         self.listener = socket.create_server(('127.0.0.1', 0))
         self.listener.settimeout(START_S)
         self.peer = self.listener
-        self.address = f'127.0.0.1:{self.listener.getsockname()[1]}'
+        self.port = self.listener.getsockname()[1]
+        self.address = f'127.0.0.1:{self.port}'
 
-    def accept(self):
+    def meet(self):
+        """Take the next connection."""
         self.peer, _ = self.listener.accept()
         self.peer.settimeout(LONG_S)
+
+    def accept(self):
+        self.meet()
         assert 4 in fields(self.receive()), 'a registration comes first'
         self.send(acknowledgement())
 

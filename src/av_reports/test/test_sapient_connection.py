@@ -12,9 +12,9 @@ from functools import partial
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from link_peer import LONG_S, exactly, wait_for, without_pauses
+from link_peer import LONG_S, wait_for, without_pauses
 from report_tracks import bearing
-from sapient_peer import NODE, acknowledgement, task
+from sapient_peer import NODE, FusionNode, acknowledgement, task
 from wire_decoder import dig, fields
 
 from av_reports import link as link_module
@@ -31,41 +31,18 @@ def short_pauses(monkeypatch):
     without_pauses(monkeypatch)
 
 
-class FusionNode:
-    """A listening socket, and what it has received on its newest connection."""
-
-    def __init__(self):
-        self.listener = socket.create_server(('127.0.0.1', 0))
-        self.listener.settimeout(LONG_S)
-        self.port = self.listener.getsockname()[1]
-
-    def accept(self):
-        self.peer, _ = self.listener.accept()
-        self.peer.settimeout(LONG_S)
-
-    def receive(self):
-        """The next message, framed by hand."""
-        size, = struct.unpack('<I', exactly(self.peer, 4))
-        return exactly(self.peer, size)
-
-    def send(self, message):
-        self.peer.sendall(struct.pack('<I', len(message)) + message)
-
-
 @contextmanager
 def connected():
     """A fusion node, and the link of a node to it, in its first session."""
     fusion = FusionNode()
     link = Link(partial(connect, '127.0.0.1', fusion.port))
     try:
-        fusion.accept()
+        fusion.meet()
         wait_for(lambda: link.take().session == 1)
         yield fusion, link
     finally:
         link.close()
-        fusion.listener.close()
-        with suppress(OSError):
-            fusion.peer.close()
+        fusion.close()
 
 
 def test_a_whole_session_is_read_by_an_independent_decoder():
@@ -105,7 +82,7 @@ def receive(link):
 def test_after_rubbish_the_connection_is_made_anew(rubbish):
     with connected() as (fusion, link):
         fusion.peer.sendall(rubbish)
-        fusion.accept()
+        fusion.meet()
         wait_for(lambda: link.take().session == 2)
         assert 'bytes, expected 1 to' in link.problem
 
@@ -114,7 +91,7 @@ def test_a_peer_that_disconnects_in_the_middle_of_a_message_is_connected_to_agai
     with connected() as (fusion, link):
         fusion.peer.sendall(struct.pack('<I', 100) + b'half')
         fusion.peer.close()
-        fusion.accept()
+        fusion.meet()
         wait_for(lambda: link.take().session == 2)
         link.put([b'late'], 1)
         link.put([b'new'], 2)
@@ -130,7 +107,7 @@ def test_a_reset_and_a_port_without_a_listener_are_survived():
         link.put([b'nobody'], 0)
         assert link.dropped == 1
         fusion.listener = socket.create_server(('127.0.0.1', fusion.port))
-        fusion.accept()
+        fusion.meet()
         wait_for(lambda: link.take().session == 2)
 
 
