@@ -6,7 +6,6 @@ import time
 
 import pytest
 import rclpy
-from builtin_interfaces.msg import Time
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
@@ -43,7 +42,7 @@ def test_a_rig_joins_whatever_else_is_published_under_its_name(monkeypatch):
             executor.spin_once(timeout_sec=0.05)
         assert list(node._stage.rigs) == ['left']
         # Another version says so; before there were any, the stamp was first.
-        for number, first in ((7, RigReport(version=7)), (10_000, Header(stamp=Time(sec=10_000)))):
+        for number, first in ((7, RigReport(version=7)), (10_000, Header(stamp=to_stamp(10_000.0)))):
             reports.publish(serialize_message(first))
             wanted = f'left reports by version {number}, expected 2: install the same release on all rigs'
             said = DiagnosticStatusWrapper()
