@@ -19,7 +19,6 @@ REPORTED_SHARE = 0.1  # of the distance from the nearest rig, up to which that e
 COAST_S = 8.0  # after which a track without reports has lost half of its probability of existence, and ends
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 4.0  # since the newest observation of a second rig, for which a position is reported
-RECENT_S = 1.0  # for which a rig's observation counts as recent
 
 
 def target_states(states: HypothesisFilter, calibration: RigCalibration, hypotheses: Sequence[NetworkTarget],
@@ -46,7 +45,7 @@ def target_states(states: HypothesisFilter, calibration: RigCalibration, hypothe
     precise = errors <= np.maximum(REPORTED_ERROR_M, REPORTED_SHARE * nearest) ** 2
     found = []
     for row, target in enumerate(targets):
-        rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
+        rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < SUPPORT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / COAST_S)
         found.append(TargetState(target, existence, means[row, :6], covariances[row, :6, :6], rigs,
                                  bool(precise[row]) and is_credible(target, time)))

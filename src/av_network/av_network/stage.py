@@ -19,10 +19,9 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.hypothesis_filter import largest_sigmas
 from av_network.messages import MOST_POSITION_M, PUBLISHED, check_age, direction_message, is_place, report_of, target_message
-from av_network.network_target import TargetState
+from av_network.network_target import SUPPORT_S, TargetState
 from av_network.observation import GATE, RigSettings
 from av_network.report_queue import ReportQueue
-from av_network.reporting import RECENT_S
 from av_network.tracker import NetworkTracker
 
 NO_DATUM = (math.nan,) * 3
@@ -156,7 +155,7 @@ class NetworkStage:
     def cues(self, now: float) -> dict[str, PointStamped]:
         """For each rig the place of the nearest target that it does not report, or not on a certain side.
 
-        The place is relative to the rig, and by its own heading. Others have measured the target within the last RECENT_S.
+        The place is relative to the rig, and by its own heading. Others have measured the target within the last SUPPORT_S.
 
         Parameters:
             now (s): the present.
@@ -181,7 +180,7 @@ class NetworkStage:
         """Targets that a single rig reports, in their direction."""
         found, names = [], list(self.rigs)
         for key, (one, time) in self.tracker.unexplained.items():
-            if now - time > RECENT_S or not one.sighting.resolved:
+            if now - time > SUPPORT_S or not one.sighting.resolved:
                 continue
             if key not in self._lone_ids:
                 self._lone_ids[key] = self.tracker.new_id()
