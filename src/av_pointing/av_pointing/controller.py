@@ -141,7 +141,7 @@ class PointingController:
         """Note the body's attitude (w, x, y, z) in the world by odometry of `time` (s, on the clock of `step`)."""
         self._has_odometry = True
         self.body.motion.measure(time, yaw_of(attitude_wxyz))
-        self.gimbal.on_attitude(attitude_wxyz)
+        self.gimbal.attitude_wxyz = attitude_wxyz
 
     def step(self, time: float, track: Track | None, ages: Ages, cue: Look | None = None) -> PointingCommand:
         """The command from the newest track, without a stamp. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
@@ -157,7 +157,7 @@ class PointingController:
         self._time = time
         self.body.motion.advance(time)
         if not ages.attitude_known:
-            self.gimbal.on_attitude(LEVEL)
+            self.gimbal.attitude_wxyz = LEVEL
         settings, left = self.settings, ages.body_left - PERIOD_S
         stale = self._stale(track, ages) if self.enabled else ''
         mode, reason = self._decide(track, ages, stale)

@@ -19,6 +19,7 @@ class GimbalAxes:
 
     Attributes:
         pan, tilt: the axes of its mount.
+        attitude_wxyz: the body's attitude (w, x, y, z) in the world (ENU).
 
     Parameters:
         gimbal: how it is mounted.
@@ -29,7 +30,7 @@ class GimbalAxes:
     def __init__(self, gimbal: GimbalMount, pan: AxisLimits, tilt: AxisLimits, dead_band: float) -> None:
         self.pan, self.tilt = LimitedAxis(pan), LimitedAxis(tilt)
         self._gimbal, self._dead_band = gimbal, dead_band
-        self._attitude: Sequence[float] = LEVEL
+        self.attitude_wxyz: Sequence[float] = LEVEL
 
     @property
     def command(self) -> tuple[float, float, float, float]:
@@ -42,18 +43,13 @@ class GimbalAxes:
         """Begin at angles (rad) of the axes, as the process before left them; the next step brings them within the limits."""
         self.pan.position, self.tilt.position = pan, tilt
 
-    def on_attitude(self, attitude_wxyz: Sequence[float]) -> None:
-        """Note the body's attitude (w, x, y, z) of any norm but 0 in the world (ENU)."""
-        norm = math.sqrt(sum(part * part for part in attitude_wxyz))
-        self._attitude = tuple(part / norm for part in attitude_wxyz)
-
     def of_body(self, azimuth: float, elevation: float) -> tuple[float, float]:
         """Pan and tilt (rad) of a direction in the body's frame, as the body is tilted now."""
-        return angles_of_command(self._gimbal, azimuth, elevation, False, self._attitude)
+        return angles_of_command(self._gimbal, azimuth, elevation, False, self.attitude_wxyz)
 
     def of_level(self, azimuth: float, elevation: float) -> tuple[float, float]:
         """Pan and tilt (rad) of a direction given by its angle from the body's heading, and its elevation in the world."""
-        return angles_of_command(self._gimbal, azimuth, elevation, True, self._attitude)
+        return angles_of_command(self._gimbal, azimuth, elevation, True, self.attitude_wxyz)
 
     def follow(self, dt: float, pan: float | None, tilt: float | None, rate: float = math.inf, pan_rate: float = 0.0) -> None:
         """Turn towards angles; an axis without one brakes.

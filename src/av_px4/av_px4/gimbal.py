@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from transforms3d.axangles import axangle2mat
-from transforms3d.quaternions import mat2quat, quat2mat
+from transforms3d.quaternions import quat2mat
 
 from av_common.frames import attitude_ned_to_enu, checked_orientation, yaw_of
-from av_common.gimbal_geometry import command_of_angles, pan_and_tilt, sense_of, stabilized_to_body
+from av_common.gimbal_geometry import command_of_angles, sense_of, stabilized_to_body
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.rig import UNDESCRIBED_GIMBAL, GimbalMount
-from av_common.rig_messages import gimbal_message
-from av_interfaces.msg import GimbalState
 from av_px4.commands import COMPONENT, GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
-from av_px4.odometry import px4_clock
 
 ACCEPTED, IN_PROGRESS = 0, 5
 RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed', 'in progress', 'cancelled')
@@ -32,7 +29,7 @@ STOPS_S = 0.2           # time of a stop from the highest rate, which gives the 
 YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
 FAILED = 8 + 64 + 128 + 256  # MAVLink's GIMBAL_DEVICE_ERROR_FLAGS: encoder, software, communication, calibrating
 DEFAULT_MOUNT = replace(UNDESCRIBED_GIMBAL, stabilized=True)
-SIGMA = math.radians(1.0)  # of the report, and of the vehicle's attitude at its time
+GIMBAL_SIGMA = math.radians(1.0)  # of the report, and of the vehicle's attitude at its time
 
 
 class AfterTakeover(enum.Enum):
@@ -208,46 +205,22 @@ class Gimbal:
         return [pitch_yaw(pan, tilt, self.mount.stabilized)]
 
 
-class GimbalFeedback:
-    """Converts the messages GimbalDeviceAttitudeStatus of PX4 1.17.
+def reported_rotation(message: Any, attitude_wxyz: Sequence[float]) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) from the gimbal's frame (FLU) to the vehicle's body, of a GimbalDeviceAttitudeStatus.
 
     MAVLink gives roll and pitch from the horizon, and yaw from north or from the vehicle's heading. The gimbal is thus turned
-    against the body by the vehicle's attitude, which must be known. Only a MAVLink gimbal measures: for one on PWM or CAN
-    outputs PX4 reports its own setpoint, which is where a claim begins, and no orientation of the gimbal.
-
-    Attributes:
-        reported (rad): the newest pan and tilt about the mount's axes, None before the first.
+    against the body by the vehicle's attitude.
 
     Parameters:
-        mount: the gimbal
+        message: of PX4 1.17
+        attitude_wxyz: the vehicle's attitude (w, x, y, z) from FLU to ENU
+
+    Raises ValueError for an impossible attitude or flags, and for a gimbal that reports a failure.
     """
-
-    def __init__(self, mount: GimbalMount = DEFAULT_MOUNT) -> None:
-        self.reported: tuple[float, float] | None = None
-        self._gimbal, self._clock = mount, px4_clock()
-
-    def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
-        """The gimbal's orientation; None where it is not measured or dated, and without the vehicle's attitude.
-
-        Parameters:
-            message: a GimbalDeviceAttitudeStatus
-            arrival (s): time of its arrival, ROS time
-            attitude_ned: the vehicle's attitude (w, x, y, z) from FRD to NED, None while it is unknown
-
-        Raises ValueError for an impossible attitude or flags, and for a gimbal that reports a failure.
-        """
-        checked_orientation(message.q, 'attitude')
-        if message.failure_flags & FAILED:
-            raise ValueError(f'the gimbal reports the failure {message.failure_flags}')
-        if attitude_ned is None:
-            return None
-        attitude = attitude_ned_to_enu(attitude_ned).tolist()
-        gimbal_in_body = stabilized_to_body(attitude) @ _levelled(message, yaw_of(attitude))
-        self.reported = pan_and_tilt(self._gimbal, gimbal_in_body, attitude)
-        time = self._clock.date(1e-6 * message.timestamp, arrival) if message.timestamp else None
-        if time is None or not message.received_from_mavlink:
-            return None
-        return gimbal_message(self._gimbal.frame, time, mat2quat(gimbal_in_body), SIGMA**2, measured=True)
+    checked_orientation(message.q, 'attitude')
+    if message.failure_flags & FAILED:
+        raise ValueError(f'the gimbal reports the failure {message.failure_flags}')
+    return stabilized_to_body(attitude_wxyz) @ _levelled(message, yaw_of(attitude_wxyz))
 
 
 def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:

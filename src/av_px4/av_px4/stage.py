@@ -10,21 +10,23 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import Float32MultiArray, Header
+from transforms3d.quaternions import mat2quat
 
 from av_common.frames import BASE_FRAME, ODOM_FRAME, attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
-from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
+from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command, pan_and_tilt
 from av_common.gimbal_history import FEEDBACK_TIMEOUT_S
 from av_common.pose_messages import odometry_message
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
+from av_common.rig_messages import gimbal_message
 from av_common.stamps import to_seconds, to_stamp
 from av_common.stopping import OLDEST_MEASUREMENT_S, STOP_WITHIN
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import COMPONENT, Command
 from av_px4.external_mode import MODE_NAME, Configure, ExternalMode, Registration
-from av_px4.gimbal import DEFAULT_MOUNT, AfterTakeover, Gimbal, GimbalFeedback, GimbalInputs
+from av_px4.gimbal import DEFAULT_MOUNT, GIMBAL_SIGMA, AfterTakeover, Gimbal, GimbalInputs, reported_rotation
 from av_px4.guard import (
     ATTITUDE_TIMEOUT,
     COMMAND_TIMEOUT,
@@ -98,7 +100,8 @@ class Px4Stage:
         versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
         self.mode = ExternalMode(versions) if wanted else None
         self.pose, self.clock = ContinuousPose(), px4_clock()
-        self.gimbal_feedback = GimbalFeedback(self.gimbal.mount)
+        self._measured_gimbal: tuple[float, float] | None = None    # rad, pan and tilt about the mount's axes
+        self._gimbal_clock = px4_clock()
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._guard = BodyGuard(self.max_rate, p.turn_body and p.offboard)
         self._messages, self._place = messages, HeldPosition()
@@ -232,13 +235,22 @@ class Px4Stage:
         return []
 
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """Publish the gimbal's orientation, from which its motion also starts after a claim."""
+        """Publish the gimbal's orientation, from which its motion also starts after a claim; nothing without an attitude.
+
+        Only a MAVLink gimbal measures. For one on PWM or CAN outputs PX4 reports its own setpoint, which tells no more than
+        where a claim begins.
+        """
         self._now = arrival
-        known = self.meters['odometry'].age <= ATTITUDE_TIMEOUT
-        state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
-        if known:
-            self.meters['gimbal'].tick()
-        return [] if state is None else [Outgoing(GIMBAL_TOPIC, state)]
+        if not self.meters['odometry'].age <= ATTITUDE_TIMEOUT:
+            return []
+        attitude, mount = attitude_ned_to_enu(self._attitude).tolist(), self.gimbal.mount
+        turned = reported_rotation(message, attitude)
+        self._measured_gimbal = pan_and_tilt(mount, turned, attitude)
+        self.meters['gimbal'].tick()
+        time = self._gimbal_clock.date(1e-6 * message.timestamp, arrival.ros) if message.timestamp else None
+        if time is None or not message.received_from_mavlink:
+            return []
+        return [Outgoing(GIMBAL_TOPIC, gimbal_message(mount.frame, time, mat2quat(turned), GIMBAL_SIGMA**2, measured=True))]
 
     def on_esc_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the speeds that the controllers of the motors report."""
@@ -352,7 +364,7 @@ class Px4Stage:
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= STATUS_TIMEOUT else None,
-            self.system_id, self.gimbal_feedback.reported if self.meters['gimbal'].age <= FEEDBACK_TIMEOUT_S else None)
+            self.system_id, self._measured_gimbal if self.meters['gimbal'].age <= FEEDBACK_TIMEOUT_S else None)
 
     def _steady(self) -> float:
         return self._now.steady
