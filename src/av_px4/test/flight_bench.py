@@ -90,8 +90,8 @@ class Flight:
         bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, measured=stamp)
         command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_gimbal=self.enabled, move_body=self.enabled, **fields)
         bearing.header.stamp = command.header.stamp = stamp
-        self.send(self.rig.on_bearing(bearing, self.now))
-        self.send(self.rig.on_command(command, self.now))
+        for name, message in (('bearing', bearing), ('command', command)):
+            self.hear(name, message)
 
     def hear(self, name, message):
         if self.rig is not None and name not in self.silent and hasattr(self.rig, f'on_{name}'):

@@ -1,11 +1,11 @@
-"""Registration of the mode that a pilot selects, and what ends it."""
+"""Registration of the mode that a pilot selects, and what ends it; others that steer."""
 
 from __future__ import annotations
 
 import pytest
 
 from av_px4.external_mode import REFUSED_S, SETTLE_S, Configure, ExternalMode, Registration
-from av_px4.handover import VehicleStatus
+from av_px4.handover import VehicleStatus, others_that_steer, steers
 
 HOVER = VehicleStatus(4, True, False)
 
@@ -153,3 +153,23 @@ class TestExternalMode:
         mode.on_reply(0.0, number + 1, 'AV Track', 1, True, 0, 23)
         mode.on_reply(0.0, number, 'Other', 1, True, 0, 23)
         assert mode.registration is None and mode.on_question(0.0, True) is None
+
+
+TOPIC = '/fmu/in/trajectory_setpoint'
+
+
+@pytest.mark.parametrize(('publishers', 'own', 'said'), [
+    ([], 0, ''), (['/px4_node'], 1, ''), (['/px4_node', '/px4_node'], 1, f'another /px4_node publishes {TOPIC}'),
+    (['/px4_node'], 0, f'another /px4_node publishes {TOPIC}'), (['/follower', '/px4_node'], 1, f'/follower publishes {TOPIC}'),
+    (['/_CREATED_BY_BARE_DDS_APP_'], 0, f'a program outside ROS publishes {TOPIC}'),
+    (['/b', '/a', '/b'], 0, f'/a publishes {TOPIC}, /b publishes {TOPIC}')])
+def test_others_are_named(publishers, own, said):
+    assert others_that_steer('/px4_node', {TOPIC: own}, {TOPIC: publishers}) == said
+
+
+@pytest.mark.parametrize(('names', 'steering'), [
+    (('offboard_control_mode', 'trajectory_setpoint', 'goto_setpoint_v1', 'vehicle_rates_setpoint', 'actuator_motors',
+      'vehicle_attitude_setpoint_v1', 'fixed_wing_lateral_setpoint'), True),
+    (('vehicle_command', 'setpoint_config', 'vehicle_visual_odometry', 'trajectory_setpoint_v'), False)])
+def test_inputs_that_steer_are_known_by_their_names(names, steering):
+    assert all(steers(name) == steering for name in names)

@@ -1,256 +1,198 @@
-"""What may be sent to turn the vehicle, over random histories of status, mode, staleness, others, and loss."""
+"""What is sent to turn the vehicle, over random histories of status, mode, staleness, others, and loss."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_autopilot import FakeAutopilot, wrap
+from flight_bench import Flight
+from test_px4_stage import HOLD, OFFBOARD, Rig, parameters
 
-from av_common.stopping import STOP_WITHIN
-from av_px4.guard import (
-    ATTITUDE_TIMEOUT,
-    COMMAND_TIMEOUT,
-    MARGIN,
-    MAX_ACCELERATION,
-    POSITION_TIMEOUT,
-    STATUS_TIMEOUT,
-    BodyGuard,
-    Inputs,
-)
-from av_px4.handover import OFFBOARD, VehicleStatus, others_that_steer, steers
+from av_px4.stage import Px4Stage
 
-SEQUENCES, STEPS = 2_000, 60
-MODES = (2, 4, 5, 14, 14, 14, 18, 23, 23, 24)
-STREAMS = ('status', 'attitude', 'position', 'command', 'bearing')
-MAX_RATE = math.radians(30.0)
-TIMEOUTS = {'status': STATUS_TIMEOUT, 'attitude': ATTITUDE_TIMEOUT, 'position': POSITION_TIMEOUT,
-            'command': COMMAND_TIMEOUT, 'bearing': STOP_WITHIN}
-GOOD = Inputs(VehicleStatus(OFFBOARD, True, False), 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True, None, True)
+SEQUENCES, STEPS = 150, 90
+STEP = 0.02                              # s
+MAX_RATE, MAX_CHANGE = math.radians(30.0), math.radians(900.0) * STEP
+STREAMS = ('vehicle_status', 'vehicle_odometry', 'vehicle_local_position', 'command', 'bearing')
+LIMITS = dict(zip(STREAMS, (1.5, 0.2, 0.5, 0.25, 0.3), strict=True))    # s, age from which each is stale
+MODES = (2, 4, 5, 14, 14, 14, 18, 23)
+OTHERS = '/other publishes trajectory_setpoint'
 
 
-def settle(guard, inputs, time, seconds=0.6):
-    """Step at 50 Hz; the decisions."""
-    return [guard.step(time + k * 0.02, inputs) for k in range(1, round(seconds / 0.02) + 1)]
+class Chance(Rig):
+    """A rig whose streams die and come back, whose modes change, and whose pilot takes over."""
 
+    def __init__(self, rng):
+        super().__init__()
+        self.rng, self.command, self.answers, self.answered = rng, {'yaw_rate': 0.5, 'move_body': True}, False, math.nan
+        self.heard, self.wanted = dict.fromkeys(STREAMS, -math.inf), self.time
+        self.told, self.given = None, False    # the newest status, and whether the pilot has handed over by it
 
-def handed_over(inputs=GOOD, time=0.0, **options):
-    """A guard whose vehicle held before `time` (s), and is what `inputs` say since then."""
-    guard = BodyGuard(**{'offboard': True, **options})
-    settle(guard, replace(inputs, status=VehicleStatus(4, True, False)), time - 1.0, 1.0)
-    return guard
+    def take(self, name, message):
+        if name in self.heard and name not in self.silent:
+            self.heard[name] = self.time
+        if name == 'vehicle_status' and name not in self.silent:
+            status = message.nav_state, message.failsafe
+            if self.told is None or status[0] != self.told[0]:
+                self.given = self.told is not None and not self.told[1] and self.offers
+            self.given &= not status[1]
+            self.told = status
+        super().take(name, message)
 
+    @property
+    def offers(self):
+        """Whether the heartbeat was sent in the step before."""
+        return bool(self.of('offboard_control_mode', self.time - 1.5 * STEP))
 
-def random_sequence(rng):
-    """Steps (dt, inputs) of one history: streams that die and come back, modes that change, pilots that take over."""
-    alive, ages = dict.fromkeys(STREAMS, True), dict.fromkeys(STREAMS, 0.0)
-    status, fields = GOOD.status, {'yaw_rate': 0.5, 'enabled': True, 'own_mode': None, 'place_known': True, 'others': '',
-                                   'unacknowledged': False}
-    uniform, dts = rng.random((STEPS, 4)), rng.uniform(0.01, 0.05, STEPS)
-    for k in range(STEPS):
-        if uniform[k, 0] < 0.15:
-            stream = STREAMS[int(uniform[k, 1] * 5)]
-            alive[stream] = not alive[stream]
-        if uniform[k, 2] < 0.25:
-            choice, value = int(uniform[k, 3] * 9), uniform[k, 1]
-            if choice < 4 and alive['status']:
-                status = VehicleStatus(MODES[int(value * len(MODES))], value < 0.95, 0.4 < value < 0.5)
-            elif choice < 5:
-                fields['yaw_rate'] = (math.nan, math.inf, -9.0, 9.0, 0.3, -0.4, 0.0)[int(value * 7)]
-            elif choice == 8:
-                fields['others'] = '/other publishes trajectory_setpoint' if value < 0.3 else ''
-            else:
-                name = ('enabled', 'place_known', 'unacknowledged')[choice - 5]
-                fields[name] = value < (0.2 if name == 'unacknowledged' else 0.8)
-                fields['own_mode'] = (None, 23, 5)[int(value * 3)]
-        ages = {name: 0.0 if alive[name] else ages[name] + dts[k] for name in STREAMS}
-        yield dts[k], Inputs(status, ages['status'], ages['attitude'], ages['position'], ages['command'], ages['bearing'],
-                             **fields)
+    def happen(self):
+        kind, value = self.rng.random(2).tolist()
+        if kind < 0.35:
+            self.silent ^= {STREAMS[int(value * 5)]}
+        elif kind < 0.55:
+            self.nav_state, self.failsafe = MODES[int(value * len(MODES))], 0.4 < value < 0.45
+        elif kind < 0.7:
+            self.command['yaw_rate'] = (math.nan, math.inf, -9.0, 9.0, 0.3, -0.4, 0.0)[int(value * 7)]
+        elif kind < 0.78:
+            self.command['move_body'] = value < 0.8
+        elif kind < 0.86:
+            self.stage.others = OTHERS if value < 0.3 else ''
+        elif kind < 0.93:
+            self.valid = value < 0.8
+        else:
+            self.answers = value < 0.6
 
+    def step(self):
+        """The setpoint and the heartbeat that are sent, None without."""
+        if self.rng.random() < 0.12:
+            self.happen()
+        self.run(STEP, **self.command)
+        if self.answers and self.of('vehicle_command', self.time):
+            self.answered = self.time
+            self.acknowledge()
+        usable = self.command['move_body'] and math.isfinite(self.command['yaw_rate'])
+        self.wanted = self.time if usable or 'command' in self.silent else self.wanted
+        return [next(iter(self.of(topic, self.time)), None) for topic in ('trajectory_setpoint', 'offboard_control_mode')]
 
-class Consent:
-    """Whether the pilot has handed over, told again: he came from another mode without a failsafe, to a rig that offered."""
-
-    def __init__(self):
-        self.before, self.given = None, False
-
-    def update(self, status, offered):
-        if status != self.before:
-            if self.before is None or status.nav_state != self.before.nav_state:
-                self.given = (self.before is not None and not self.before.failsafe
-                              and (status.nav_state != OFFBOARD or offered))
-            self.given &= not status.failsafe
-            self.before = status
+    def ages(self):
+        """Time (s) since each stream was last heard."""
+        return {name: self.time - heard for name, heard in self.heard.items()}
 
 
 def test_no_history_leads_to_harm():
     """Random histories: handed-over modes only, within the limits, still within 0.3 s of staleness, and it recovers."""
     rng, turned, refused = np.random.default_rng(7), 0, 0
     for number in range(SEQUENCES):
-        guard, consent, time = BodyGuard(offboard=True), Consent(), 1234.5 + number
-        sent, previous, offered, bad_since = 0.0, None, False, dict.fromkeys((*STREAMS, 'asked'), None)
-        for dt, inputs in random_sequence(rng):
-            time += dt
-            inputs = replace(inputs, place_known=inputs.place_known or previous is not None)    # what is held stays known
-            consent.update(inputs.status, offered)
-            decision = guard.step(time, inputs)
-            offered = decision.heartbeat
-            mode = (inputs.status_age <= STATUS_TIMEOUT and not inputs.status.failsafe and (
-                inputs.status.nav_state == 14 or (inputs.own_mode == 23 and inputs.status.nav_state == 23)))
-            assert not decision.setpoint or mode
-            assert not decision.heartbeat or not (inputs.others or inputs.status.failsafe)
-            if inputs.others or (mode and not consent.given):    # at most what ends the turn before
-                assert not decision.setpoint or (decision.yaw_rate == 0.0 and previous)
-            refused += not decision.setpoint
-            if decision.setpoint:
-                assert abs(decision.yaw_rate) <= MAX_RATE + 1e-12
-                before = 0.0 if previous is None else previous
-                change = abs(decision.yaw_rate - before) if decision.reason != inputs.others else 0.0
-                assert change <= MAX_ACCELERATION * dt + 1e-9 or 'select another mode' in decision.reason
-                newest = max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
-                assert decision.yaw_rate == 0.0 or newest < 0.3 - MARGIN    # the next step comes within MARGIN
-                sent = decision.yaw_rate
-                turned += sent != 0.0
-            previous = decision.yaw_rate if decision.setpoint else None
-            if not mode and inputs.status_age <= STATUS_TIMEOUT:
-                sent = 0.0    # the pilot or PX4 flies; what was sent before counts no more
-            bad = {name: getattr(inputs, f'{name}_age') > TIMEOUTS[name] for name in STREAMS}
-            bad['asked'] = not inputs.enabled or inputs.unacknowledged or not math.isfinite(inputs.yaw_rate)
-            for name, is_bad in bad.items():
-                bad_since[name] = (time if bad_since[name] is None else bad_since[name]) if is_bad else None
-                if bad_since[name] is not None and time - bad_since[name] >= 0.3:
-                    assert sent == 0.0, (number, name)
-        settle(guard, replace(GOOD, status=VehicleStatus(4, True, False)), time)
-        decisions = settle(guard, GOOD, time + 0.6)
-        assert decisions[-1].yaw_rate == pytest.approx(0.5) and decisions[-1].heartbeat
-    assert turned > 0.95 * SEQUENCES and refused > SEQUENCES   # the histories do reach motion and refusal
+        rig, before, steered = Chance(rng), 0.0, False
+        rig.run(0.1, **rig.command)
+        rig.nav_state = OFFBOARD
+        for _ in range(STEPS):
+            setpoint, heartbeat = rig.step()
+            rate = 0.0 if setpoint is None or math.isnan(setpoint.yawspeed) else -setpoint.yawspeed
+            ages, (mode, failsafe) = rig.ages(), rig.told or (None, True)
+            assert setpoint is None or (ages['vehicle_status'] <= 1.5 and mode == OFFBOARD and not failsafe)
+            assert heartbeat is None or not (rig.stage.others or failsafe)
+            if rig.stage.others or not rig.given:    # at most what ends the turn before
+                assert setpoint is None or (rate == 0.0 and steered), number
+            assert abs(rate) <= MAX_RATE + 1e-9
+            assert setpoint is None or abs(rate - before) <= MAX_CHANGE + 1e-9 or rate == 0.0
+            if rate:
+                assert all(ages[name] < LIMITS[name] + 2.5 * STEP for name in STREAMS), number    # from the highest rate
+                assert max(ages['command'], ages['bearing'], ages['vehicle_odometry']) < 0.25
+                assert rig.time - rig.wanted < 0.1 + STEP and not rig.time - rig.answered > 1.4
+            before, steered = rate, setpoint is not None
+            turned, refused = turned + (rate != 0.0), refused + (setpoint is None)
+        rig.silent, rig.stage.others, rig.failsafe, rig.valid, rig.nav_state = set(), '', False, True, HOLD
+        rig.point(1.0, yaw_rate=0.5)
+        rig.nav_state = OFFBOARD
+        rig.point(0.6, yaw_rate=0.5)
+        assert rig.of('trajectory_setpoint')[-1].yawspeed == pytest.approx(-0.5), number
+    assert turned > 5 * SEQUENCES and refused > SEQUENCES    # the histories do reach motion and refusal
 
 
-class TestOneByOne:
-    @pytest.mark.parametrize('mode', [mode for mode in range(32) if mode != OFFBOARD])
-    def test_in_no_other_mode_is_anything_sent(self, mode):
-        guard = handed_over()
-        settle(guard, GOOD, 0.0)
-        assert not any(d.setpoint for d in settle(guard, replace(GOOD, status=VehicleStatus(mode, True, False)), 0.6))
-
-    @pytest.mark.parametrize('own', [5, 2, 14, 31, -1])
-    def test_a_registration_cannot_claim_one_of_px4s_own_modes(self, own):
-        inputs = replace(GOOD, status=VehicleStatus(own if own != 14 else 4, True, False), own_mode=own)
-        assert not any(d.setpoint for d in settle(handed_over(inputs), inputs, 0.0))
-
-    def test_the_own_mode_is_as_good_as_offboard(self):
-        inputs = replace(GOOD, status=VehicleStatus(23, True, False), own_mode=23)
-        for offboard in (False, True):
-            assert settle(handed_over(inputs, offboard=offboard), inputs, 0.0)[-1].yaw_rate == pytest.approx(0.5)
-
-    def test_offboard_is_not_taken_unless_it_was_asked_for(self):
-        decisions = settle(handed_over(offboard=False), GOOD, 0.0)
-        assert not any(d.setpoint or d.heartbeat for d in decisions)
-
-    def test_before_the_first_status_nothing_is_sent(self):
-        decision = BodyGuard().step(0.0, replace(GOOD, status=None))
-        assert not decision.setpoint and not decision.heartbeat
-
-    def test_the_heartbeat_comes_before_the_mode_and_not_before_pointing_is_enabled(self):
-        hover = replace(GOOD, status=VehicleStatus(4, True, False))
-        assert all(d.heartbeat and not d.setpoint for d in settle(BodyGuard(offboard=True), hover, 0.0)[6:])
-        for off in ({'enabled': False}, {'command_age': 0.3}):
-            assert not any(d.heartbeat for d in settle(BodyGuard(offboard=True), replace(hover, **off), 0.0))
-
-    def test_a_stale_bearing_or_a_disabled_rig_keeps_offboard_and_holds(self):
-        for inputs in (replace(GOOD, bearing_age=1.0), replace(GOOD, enabled=False)):
-            guard = handed_over()
-            settle(guard, GOOD, 0.0)
-            decisions = settle(guard, inputs, 0.6, 0.3)
-            assert all(d.heartbeat and d.setpoint for d in decisions) and decisions[-1].yaw_rate == 0.0
-
-    def test_without_a_position_offboard_is_not_even_offered(self):
-        decision = settle(BodyGuard(offboard=True), replace(GOOD, place_known=False), 0.0)[-1]
-        assert not decision.heartbeat and not decision.setpoint
-
-    def test_a_silent_status_brakes_before_it_is_stale(self):
-        guard, sent = handed_over(), []
-        for k in range(150):
-            decision = guard.step(0.02 * k, replace(GOOD, status_age=max(0.0, 0.02 * k - 1.0)))
-            if decision.setpoint:
-                sent.append(decision.yaw_rate)
-        assert sent[50] == pytest.approx(0.5) and sent[-1] == 0.0 and len(sent) < 130
-
-    def test_after_a_stall_of_its_own_it_waits_for_a_new_status(self):
-        """Whatever PX4 said meanwhile may still be in a queue, while the last status looks fresh: no heartbeat, either."""
-        guard = handed_over()
-        settle(guard, GOOD, 0.0)
-        for time, age in ((1.5, 0.9), (1.52, 0.92), (1.56, 0.01)):
-            decision = guard.step(time, replace(GOOD, status_age=age))
-            assert not decision.heartbeat and not decision.setpoint
-        assert guard.step(1.65, replace(GOOD, status_age=0.1)).setpoint
-
-    def test_a_mode_that_was_left_unseen_is_not_taken_again(self):
-        """PX4 numbers each activation by its time."""
-        guard, status = handed_over(), replace(GOOD.status, activated=5)
-        assert settle(guard, replace(GOOD, status=status), 0.0)[-1].setpoint
-        again = settle(guard, replace(GOOD, status=replace(status, activated=6)), 0.6)
-        assert not any(d.setpoint for d in again[1:]) and not any(d.heartbeat for d in again)
-
-    def test_others_end_a_turn_with_one_setpoint(self):
-        guard = handed_over()
-        settle(guard, GOOD, 0.0)
-        first, *rest = settle(guard, replace(GOOD, others='/other publishes goto_setpoint'), 0.6)
-        assert (first.setpoint, first.yaw_rate, first.heartbeat) == (True, 0.0, False)
-        assert not any(d.setpoint or d.heartbeat for d in rest) and rest[0].reason == '/other publishes goto_setpoint'
-
-    @pytest.mark.parametrize('silent', [('command_age',), ('bearing_age',), ('command_age', 'bearing_age')])
-    @pytest.mark.parametrize('late', [0.0, 0.01, 0.03])
-    @pytest.mark.parametrize('rate_deg', [18.0, 24.0, 30.0])
-    def test_px4_turns_by_less_than_10_deg_after_0_3_s(self, silent, late, rate_deg):
-        """With the flown answer, whoever dies, and whatever is commanded on."""
-        guard, autopilot, yaws = handed_over(), FakeAutopilot(nav_state=OFFBOARD), []
-        for k in range(1000):
-            time, age = 0.005 * k, max(0.0, 0.005 * k - 2.0)
-            if k % 4 == 0:
-                ages = dict.fromkeys(silent, age + (late if age else 0.0))
-                decision = guard.step(time, replace(GOOD, yaw_rate=math.radians(rate_deg), **ages))
-                autopilot.heartbeat()
-                autopilot.setpoint((0.0, 0.0, -2.0), math.nan, decision.yaw_rate)
-            autopilot.advance(0.005)
-            yaws.append(autopilot.heading)
-        assert autopilot.yaw_rate == 0.0
-        assert 1.0 < math.degrees(wrap(yaws[-1] - yaws[round((2.3 - late) / 0.005)])) < 10.0
-
-    def test_a_fast_body_may_be_braked_with_an_old_measurement(self):
-        guard = handed_over()
-        settle(guard, GOOD, 0.0)
-        rates = [guard.step(0.6 + 0.01 * k, replace(GOOD, yaw_rate=-0.2 if k > 15 else 0.5, bearing_age=0.01 * k)).yaw_rate
-                 for k in range(1, 40)]
-        assert rates[4] > 0.3 and min(rates[:24]) < -0.1 and not any(rates[25:])
-
-    def test_disarmed_nothing_turns(self):
-        disarmed = replace(GOOD, status=VehicleStatus(14, False, False))
-        assert settle(handed_over(disarmed), disarmed, 0.0)[-1].yaw_rate == 0.0
-
-    @pytest.mark.parametrize('rate_deg', [0.0, -5.0, 101.0, math.nan])
-    def test_rates_from_which_it_cannot_stop_in_time_are_refused(self, rate_deg):
-        with pytest.raises(ValueError, match='a yaw rate of'):
-            BodyGuard(math.radians(rate_deg))
+def turning(**changes):
+    """A rig that turns in OFFBOARD."""
+    rig = Rig(**changes)
+    rig.hand_over()
+    rig.run(0.6, yaw_rate=0.5)
+    assert rig.of('trajectory_setpoint')[-1].yawspeed == pytest.approx(-0.5)
+    return rig
 
 
-TOPIC = '/fmu/in/trajectory_setpoint'
+@pytest.mark.parametrize('mode', [mode for mode in range(32) if mode != OFFBOARD])
+def test_in_no_other_mode_is_anything_sent(mode):
+    rig = turning()
+    rig.nav_state = mode
+    rig.run(0.6, yaw_rate=0.5)
+    assert not rig.of('trajectory_setpoint', rig.time - 0.55)
 
 
-@pytest.mark.parametrize(('publishers', 'own', 'said'), [
-    ([], 0, ''), (['/px4_node'], 1, ''), (['/px4_node', '/px4_node'], 1, f'another /px4_node publishes {TOPIC}'),
-    (['/px4_node'], 0, f'another /px4_node publishes {TOPIC}'), (['/follower', '/px4_node'], 1, f'/follower publishes {TOPIC}'),
-    (['/_CREATED_BY_BARE_DDS_APP_'], 0, f'a program outside ROS publishes {TOPIC}'),
-    (['/b', '/a', '/b'], 0, f'/a publishes {TOPIC}, /b publishes {TOPIC}')])
-def test_others_are_named(publishers, own, said):
-    assert others_that_steer('/px4_node', {TOPIC: own}, {TOPIC: publishers}) == said
+def test_offboard_is_not_taken_unless_it_was_asked_for():
+    rig = Rig(offboard=False)
+    rig.hand_over()
+    rig.run(1.0, yaw_rate=0.5)
+    assert not rig.of('trajectory_setpoint') and not rig.of('offboard_control_mode')
 
 
-@pytest.mark.parametrize(('names', 'steering'), [
-    (('offboard_control_mode', 'trajectory_setpoint', 'goto_setpoint_v1', 'vehicle_rates_setpoint', 'actuator_motors',
-      'vehicle_attitude_setpoint_v1', 'fixed_wing_lateral_setpoint'), True),
-    (('vehicle_command', 'setpoint_config', 'vehicle_visual_odometry', 'trajectory_setpoint_v'), False)])
-def test_inputs_that_steer_are_known_by_their_names(names, steering):
-    assert all(steers(name) == steering for name in names)
+def test_a_silent_status_brakes_before_it_is_stale():
+    rig = turning()
+    rig.silent, began = {'vehicle_status'}, rig.time
+    rig.run(2.5, yaw_rate=0.5)
+    sent = [(time - began, message) for time, topic, message in rig.sent if topic == 'trajectory_setpoint' and time > began]
+    assert sent[50][1].yawspeed == pytest.approx(-0.5) and math.isnan(sent[-1][1].yawspeed) and sent[-1][0] <= 1.5
+
+
+def test_a_mode_that_was_left_unseen_is_not_taken_again():
+    """PX4 numbers each activation by its time."""
+    rig = turning()
+    rig.activated, began = 5, rig.time + STEP
+    rig.run(1.0, yaw_rate=0.5)
+    sent = rig.of('trajectory_setpoint', began)
+    assert len(sent) <= 1 and not rig.of('offboard_control_mode', began + STEP)
+
+
+def test_after_a_stall_of_its_own_it_waits_for_what_px4_said_meanwhile():
+    """It may still be in a queue, while the last status looks fresh: no heartbeat, either."""
+    rig = turning()
+    rig.silent = {'vehicle_status'}
+    rig.run(0.3, yaw_rate=0.5)
+    rig.time, began = rig.time + 0.9, rig.time + 0.91
+    rig.run(0.04, yaw_rate=0.5)
+    rig.silent = set()
+    rig.run(0.06, yaw_rate=0.5)
+    assert not rig.of('trajectory_setpoint', began) and not rig.of('offboard_control_mode', began)
+    rig.run(0.3, yaw_rate=0.5)
+    assert rig.of('trajectory_setpoint', began)
+
+
+@pytest.mark.parametrize('silent', [{'command'}, {'bearing'}, {'command', 'bearing'}])
+@pytest.mark.parametrize('rate_deg', [18.0, 24.0, 30.0])
+def test_px4_turns_by_less_than_10_deg_after_0_3_s(silent, rate_deg):
+    """With the flown answer, whoever dies, and whatever is commanded on."""
+    flight, turn = Flight(offboard=True), {'yaw_rate': math.radians(rate_deg)}
+    flight.pilot = OFFBOARD
+    flight.run(5.0, **turn)
+    flight.silent = silent
+    flight.run(0.3, **turn)
+    turned = flight.model.turned
+    flight.run(4.0, **turn)
+    assert flight.model.yaw_rate == 0.0 and 1.0 < math.degrees(turned - flight.model.turned) < 10.0
+
+
+def test_a_fast_body_may_be_braked_with_an_old_measurement():
+    rig = turning()
+    rig.silent, began = {'bearing'}, rig.time
+    rig.run(0.14, yaw_rate=0.5)
+    rig.run(0.4, yaw_rate=-0.2)
+    rates = {round(time - began, 2): -message.yawspeed for time, topic, message in rig.sent
+             if topic == 'trajectory_setpoint' and time > began}
+    assert rates[0.04] > 0.3 and min(rate for time, rate in rates.items() if time < 0.24) < -0.1
+    assert all(math.isnan(rate) for time, rate in rates.items() if time > 0.26)
+
+
+@pytest.mark.parametrize('rate_deg', [0.0, -5.0, 101.0, math.nan])
+def test_rates_from_which_it_cannot_stop_in_time_are_refused(rate_deg):
+    settings = parameters()
+    settings.body.rate_deg = rate_deg
+    with pytest.raises(ValueError, match='a yaw rate of'):
+        Px4Stage(settings, None)

@@ -38,7 +38,7 @@ class Rig:
     def __init__(self, gimbal=None, **changes):
         self.stage = Px4Stage(parameters(**{'offboard': True, 'external_mode': False} | changes), MESSAGES, gimbal)
         self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
-        self.attitude, self.armed = LEVEL, 2
+        self.attitude, self.armed, self.failsafe, self.activated = LEVEL, 2, False, 0
         self.place, self.resets, self.shift, self.valid = [0.0, 0.0, -2.0], (0, 0), (0.0, 0.0, 0.0), True
         self.stage.start(self.now)
 
@@ -75,8 +75,9 @@ class Rig:
             xy_valid=self.valid, z_valid=True, x=x, y=y, z=z, xy_reset_counter=self.resets[0], z_reset_counter=self.resets[1],
             delta_xy=self.shift[:2], delta_z=self.shift[2]))
         if step % 25 == 0:
-            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=self.armed, failsafe=False, system_id=7,
-                                                nav_state_user_intention=self.nav_state, nav_state_timestamp=0))
+            self.take('vehicle_status', Message(
+                nav_state=self.nav_state, arming_state=self.armed, failsafe=self.failsafe, system_id=7,
+                nav_state_user_intention=self.nav_state, nav_state_timestamp=self.activated))
 
     def take(self, name, message):
         if name not in self.silent:
