@@ -11,6 +11,7 @@ set_up(entry_points={
         'city = av_evaluation.cli.city:main',
         'estimate_latency = av_evaluation.cli.estimate_latency:main',
         'evaluate = av_evaluation.cli.evaluate:main',
+        'false_targets = av_evaluation.cli.false_targets:main',
         'faults = av_evaluation.cli.faults:main',
         'flying_arrays = av_evaluation.cli.flying_arrays:main',
         'front_back = av_evaluation.cli.front_back:main',
