@@ -82,18 +82,18 @@ def test_nothing_turns_without_odometry(contract):
     contract(at_most('rate after, most', float(np.degrees(rates(vehicle.between(4.0 + STANDS_S + 0.02)).max())), 0.0, 'deg/s'))
 
 
-@pytest.mark.xfail(strict=False, reason='turns for 0.90 of the time')
+@pytest.mark.xfail(strict=False, reason='turns for 0.3 of the time')
 def test_nothing_turns_on_what_is_contradicted(contract):
     """From 4 s on each window hears something else somewhere else, and clear images do not show the target.
 
     No direction is heard twice but by chance, so that no turn can be of use.
     """
     target = Source.at(25.0, 5.0, heard=lambda t: t < 4.0, seen=lambda t: t < 4.0)
-    places = np.random.default_rng(4).uniform(-180.0, 180.0, 1000)
-    noise = Source(lambda t: unit(places[int(t / 0.1)]), heard=lambda t: t > 4.0, seen=never, confidence=0.6)
     share = []
-    for seed in range(2):
-        vehicle = Vehicle([target, noise], visibility=lambda t: 1.0, seed=seed).run(10.0)
+    for seed in range(3):
+        vehicle = Vehicle([target], visibility=lambda t: 1.0, seed=seed).run(4.0)
+        vehicle.rig.sound_clutter = 1.0
+        vehicle.run(6.0)
         share.append(float(np.mean(rates(vehicle.between(5.0)) > STILL)))
     contract(at_most('share of the time that it turns', float(np.mean(share)), 0.05))
 
