@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from av_common.camera import PinholeCamera
 
 STEEP = 0.5  # cosine of the elevation beyond which a camera looks up or down
+# Degrees, steps in which images are set upright. Of 112 drones of clips that are turned by 0, 10, 20, 30 and 45 degrees the
+# detector finds 0.90, 0.85, 0.70, 0.54 and 0.38; half a step costs little, and level flight no turning.
+ROLL = 15
 
 
 @dataclass(frozen=True)
@@ -28,10 +31,14 @@ class CameraPose:
     to_world: NDArray[np.float64] | None = None
 
     @property
-    def quarters(self) -> int:
-        """Quarter turns to the left that set the image upright on a level body; 0 for a camera that looks up or down."""
-        right, down, _ = self.to_body[2]
-        return round(math.atan2(right, -down) / (0.5 * math.pi)) % 4 if math.hypot(right, down) > STEEP else 0
+    def degrees_to_upright(self) -> int:
+        """By how many degrees to the left, in steps of ROLL, the image is upright; 0 for a camera that looks up or down.
+
+        Without the rig's attitude the body counts as level.
+        """
+        right, down, _ = (self.to_body if self.to_world is None else self.to_world)[2]
+        level = math.hypot(right, down) > STEEP
+        return round(math.degrees(math.atan2(right, -down)) / ROLL) * ROLL % 360 if level else 0
 
 
 def turned(pixels: NDArray, before: CameraPose, now: CameraPose) -> NDArray[np.float64]:

@@ -72,13 +72,8 @@ class DetectionStage:
         self._target_distance, self._camera_height = target_distance, camera_height
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
-        self.unchanged = 0.0
-        # When the newest image was new, the image, and where the camera looked then.
-        self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
-        self._newest = -math.inf  # capture time of the newest image
+        self.reset()
         self._gain = AutomaticGain(kind != 'visible')
-        self._next_estimate = -math.inf
-        self._depth: tuple[float, NDArray] | None = None  # time in s, image
         self.mount(lambda frame, time: None)
         self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)  # from the body to the world
         self._bearing = (-math.inf, Bearing())  # when it was measured
@@ -228,8 +223,11 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
-        self._newest = self._next_estimate = -math.inf
-        self._depth = None
+        self._newest = self._next_estimate = -math.inf  # capture time of the newest image, and of the next estimate
+        # When the newest image was new, the image, and where the camera looked then.
+        self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
+        self.unchanged = 0.0
+        self._depth: tuple[float, NDArray] | None = None  # time in s, image
 
 
 def make_detection_stage(parameters: Any) -> DetectionStage:

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from av_vision.camera_pose import CameraPose, turned
 from av_vision.detections import Candidates, Detections
+from av_vision.image import to_bgr8
 from av_vision.motion import MotionModel
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
 from av_vision.search import FULL, BearingCue, Cue, RegionPlanner
 from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
-from av_vision.yolo.letterbox import Region, turned_boxes, turned_region
+from av_vision.yolo.letterbox import Region, Turn
 
 MOST_TRACKS = 4  # that are looked at for their own sake
 
@@ -75,23 +76,23 @@ class TemporalDetector:
             self._tracker.turn(lambda pixels: turned(pixels, before, pose))
         self._pose = pose
         regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing)
-        return self._upright(image, regions, 0 if pose is None else pose.quarters), regions
+        return self._upright(image, regions, 0 if pose is None else pose.degrees_to_upright), regions
 
-    def _upright(self, image: NDArray, regions: Sequence[Region], quarters: int) -> Candidates:
+    def _upright(self, image: NDArray, regions: Sequence[Region], degrees: int) -> Candidates:
         """Candidates in an image that is searched upright: networks know no drones that fly on their side, or upside down.
 
         Parameters:
             image (h, w[, channels]): as the camera gives it.
             regions: of it, to be searched; none for all of it.
-            quarters: quarter turns to the left that set it upright.
+            degrees (deg): turn to the left that sets it upright.
         """
-        if not quarters:
+        if not degrees:
             return self.detector.candidates(image, self.model.floor, regions)
         height, width = image.shape[:2]
-        turned_image = np.ascontiguousarray(np.rot90(image, quarters))
-        found = self.detector.candidates(turned_image, self.model.floor,
-                                         [turned_region(region, quarters, width, height) for region in regions])
-        return replace(found, boxes=turned_boxes(found.boxes, -quarters, *turned_image.shape[1::-1]))
+        turn = Turn(degrees, width, height)
+        found = self.detector.candidates(turn.image(to_bgr8(image)), self.model.floor,
+                                         [turn.region(region) for region in regions or self.detector.whole(height, width)])
+        return replace(found, boxes=turn.boxes(found.boxes))
 
     def fuse(self, candidates: Candidates, time: float, regions: Sequence[Region] = ()) -> tuple[Detections, list[int]]:
         """Detections and their track numbers from the candidates of an image.

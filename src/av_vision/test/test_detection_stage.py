@@ -18,7 +18,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.parameters import node_parameters
 from av_interfaces.msg import Bearing
 from av_vision.detections import Candidates, Detections
@@ -144,6 +144,26 @@ def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(
     assert abs(stage.shown[:40].mean() - before) < 15.0
 
 
+@pytest.mark.parametrize('kind', ['visible', 'thermal'])
+@pytest.mark.parametrize(('noise', 'shift'), [(0.2, 0), (0.3, 0), (0.3, 2)])
+def test_a_plain_sky_of_few_counts_is_shown_grey_and_what_is_in_it_bright(model, kind, noise, shift):
+    """Noise below a step of the converter, also where its bits are the upper ones: it was shown as black and white."""
+    stage, counts = make(model, camera_kind=kind), np.random.default_rng(0).normal(700.2, noise, (416, 416))
+    counts[50:56, 200:208] += 4.0
+    stage.on_image(image_message(header(1.0), np.rint(counts).astype(np.uint16) << shift, 'mono16'), 1.0)
+    assert stage.shown[100:].std() < 255.0 / 18.0
+    assert stage.shown[50:56, 200:208].mean() > stage.shown[100:].mean() + 60.0
+
+
+def test_a_stage_that_begins_again_knows_nothing_of_the_images_before(model):
+    """A camera that was turned, and is covered, while detector_node was not active."""
+    stage, image = make(model), np.full((416, 416, 3), 90, np.uint8)
+    for time, yaw in ((1.0, 0.0), (9.0, 1.0)):
+        stage.mount(lambda frame, time, yaw=yaw: rotation_from_rpy(0.0, 0.0, yaw) @ FLU_TO_OPTICAL.T, CAMERA)
+        assert stage.on_image(image_at(time, image), 0.0)[0] is not None and stage.unchanged == 0.0
+        stage.reset()
+
+
 def test_a_camera_that_repeats_one_image_is_noticed(model):
     """A frozen or covered camera; noise in one pixel is enough to be alive. Nothing that it shows is so for ever."""
     stage, image = make(model), np.full((416, 416, 3), 90, np.uint8)
@@ -246,38 +266,56 @@ def test_images_of_another_size_than_their_camera_info_are_refused_with_both_siz
     assert stage.on_image(image_at(5.1), 5.1)[0] is not None
 
 
-@pytest.mark.parametrize('quarters', [0, 1, 2, 3])
-def test_the_network_sees_images_of_a_camera_that_is_mounted_rolled_upright(monkeypatch, quarters):
-    """Sky above, whatever the roll of the mount; boxes are in the image as it came, also where a region alone is searched."""
-    upright = np.zeros((480, 640, 3), np.uint8)
-    upright[:240] = 90
-    upright[100:120, 300:330] = 255
-    image = np.ascontiguousarray(np.rot90(upright, -quarters))
-    ys, xs = np.nonzero(image[..., 0] == 255)
-    roll = 0.5 * math.pi * quarters    # of the camera to its left, about its axis
-    turn = np.array([[math.cos(roll), math.sin(roll), 0.0], [-math.sin(roll), math.cos(roll), 0.0], [0.0, 0.0, 1.0]])
-    stage = make('', regions=1)
-    stage.mount(lambda frame, time: FLU_TO_OPTICAL.T @ turn, PinholeCamera.from_fov(image.shape[1], image.shape[0], 1.2))
-    detector, given = stage.detector.detector, []
+@pytest.fixture(scope='module')
+def searching():
+    """A stage with the shipped networks that searches one region of each image."""
+    return make('', regions=1)
+
+
+@pytest.mark.parametrize('by', ['mount', 'attitude'])
+@pytest.mark.parametrize('roll', [0, 90, 180, -90, 5, 20, -33, 140])
+def test_the_network_sees_images_upright(monkeypatch, searching, roll, by):
+    """Sky above, whatever the roll of the mount or of the rig; boxes are in the image as it came, also those of regions.
+
+    A level camera has the drone 60 pixels to the left and 100 above the middle. A roll to the right turns that to the left.
+    """
+    cos, sin = math.cos(math.radians(roll)), math.sin(math.radians(roll))
+    y, x = np.mgrid[:480, :640] - np.array([239.5, 319.5])[:, None, None]
+    right, down = cos * x - sin * y, sin * x + cos * y    # in the picture of a level camera
+    image = np.where((np.abs(right + 60) < 15) & (np.abs(down + 100) < 10), 255, np.where(down < 0, 90, 0)).astype(np.uint8)
+    stage, begin = searching, 1000.0 * (by == 'mount') + 2.0 * (roll + 180)
+    stage.reset()
+    mount = FLU_TO_OPTICAL.T @ [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]] if by == 'mount' else FLU_TO_OPTICAL.T
+    stage.mount(lambda frame, time: mount, PinholeCamera.from_fov(640, 480, 1.2))
+    detector, upright = stage.detector.detector, []
     probabilities = np.eye(4)[[detector._names.index('drone')]] * 0.9
 
     def candidates(searched, floor, regions):
-        given.append(searched)
-        rows, columns = np.nonzero(searched[..., 0] == 255)
+        grey = searched if searched.ndim == 2 else searched[..., 0]
+        above, below = np.array_split(grey[:, grey.shape[1] // 2 - 60:grey.shape[1] // 2 + 60][100:-100], 2)
+        upright.append(np.median(above) == 90 and np.median(below) == 0 and (above[-20:] == 90).mean() > 0.6)
+        rows, columns = np.nonzero(grey > 200)
         box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], float)
         centre, size = 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2]).max())
         held = not regions or any(region.holds(centre, size) for region in regions)
         return Candidates(box[None][:held], probabilities[:held])
 
     monkeypatch.setattr(detector, 'candidates', candidates)
-    answers = [stage.on_image(image_at(5.0 + 0.1 * k, image), 5.0)[0] for k in range(12)]
-    assert all(np.array_equal(one, upright) for one in given)
-    boxes = [one.detections[0].bbox for one in answers if one is not None]
-    assert len(boxes) > 6
+    boxes = []
+    for k in range(12):
+        if by == 'attitude':
+            half = 0.5 * math.radians(roll)
+            odometry = Odometry(header=header(begin + 0.1 * k))
+            odometry.pose.pose.orientation = Quaternion(w=math.cos(half), x=math.sin(half))
+            stage.on_odometry(odometry)
+        answer, _ = stage.on_image(image_at(begin + 0.1 * k, image), 0.0)
+        boxes += [answer.detections[0].bbox] if answer is not None else []
+    assert all(upright) and len(boxes) > 6
     for box in boxes:
-        centre = box.center.position.x, box.center.position.y
-        assert centre == (0.5 * (xs.min() + xs.max() + 1), 0.5 * (ys.min() + ys.max() + 1))
-        assert (box.size_x, box.size_y) == (np.ptp(xs) + 1, np.ptp(ys) + 1)
+        assert box.center.position.x == pytest.approx(320.0 - 60.0 * cos - 100.0 * sin, abs=1.5)
+        assert box.center.position.y == pytest.approx(240.0 + 60.0 * sin - 100.0 * cos, abs=1.5)
+        assert max(box.size_x, box.size_y) == pytest.approx(30.0, abs=6.0)
+    assert (boxes[0].size_x < boxes[0].size_y) == (roll in (90, -90))
 
 
 def test_an_image_that_was_overtaken_ends_no_track(model):

@@ -67,7 +67,7 @@ class Detector:
             regions: parts of the image to search; by default all of it, and once more at a smaller size for large objects.
         """
         image = to_bgr8(image)
-        found = [self._infer(image, region, floor) for region in regions or self._whole(*image.shape[:2])]
+        found = [self._infer(image, region, floor) for region in regions or self.whole(*image.shape[:2])]
         boxes, probabilities = (np.concatenate(part) for part in zip(*found, strict=True))
         # A box whose middle is in the image may reach beyond it, as its object or its padding does: the middle is the bearing.
         middle, size = 0.5 * (boxes[:, :2] + boxes[:, 2:]), np.array(image.shape[1::-1], np.float32)
@@ -89,7 +89,7 @@ class Detector:
         return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
                           tuple(self._names[i] for i in classes[selected])), selected
 
-    def _whole(self, height: int, width: int) -> list[Region]:
+    def whole(self, height: int, width: int) -> list[Region]:
         """The whole image, and a smaller copy for objects too large for the network's input."""
         full = Region('full', 0, 0, width, height, self.model.longest)
         if not self.model.near:

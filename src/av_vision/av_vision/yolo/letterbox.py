@@ -95,31 +95,41 @@ class Region(NamedTuple):
                     and size >= self.least)
 
 
-def turned_boxes(boxes: NDArray, quarters: int, width: int, height: int) -> NDArray:
-    """Where boxes (n, 4) of an image are in it once `np.rot90` has turned it.
+class Turn:
+    """A turn of an image to the left, about its middle, onto a larger picture that holds all of it.
 
     Parameters:
-        boxes (n, 4) (pixels): x1, y1, x2, y2.
-        quarters: quarter turns to the left.
+        degrees (deg): angle of the turn.
         width, height (pixels): size of the image before.
     """
-    for _ in range(quarters % 4):
-        x1, y1, x2, y2 = boxes.T
-        boxes, width, height = np.stack([y1, width - x2, y2, width - x1], axis=1), height, width
-    return boxes
 
+    def __init__(self, degrees: int, width: int, height: int) -> None:
+        across, along = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        self._rotation, self._before = np.array([[across, along], [-along, across]]), np.array([width, height])
+        self._after = np.ceil((np.abs(self._rotation) @ self._before).round(6)).astype(int)
+        self._on_its_side = round(degrees / 90) % 2 == 1
 
-def turned_region(region: Region, quarters: int, width: int, height: int) -> Region:
-    """A region of an image in the turned image, see `turned_boxes`.
+    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The picture of an image (height, width, 3), grey where it shows nothing of it."""
+        shift = 0.5 * (self._after - 1) - self._rotation @ (0.5 * (self._before - 1))    # of middles of pixels
+        size, grey = (int(self._after[0]), int(self._after[1])), (LETTERBOX_GREY,) * 3
+        return np.asarray(cv2.warpAffine(image, np.column_stack([self._rotation, shift]), size, borderValue=grey), np.uint8)
 
-    Parameters:
-        region: the part of the image.
-        quarters: quarter turns to the left.
-        width, height (pixels): size of the image before.
-    """
-    box = np.array([[region.x, region.y, region.x + region.width, region.y + region.height]])
-    x1, y1, x2, y2 = turned_boxes(box, quarters, width, height)[0].tolist()
-    return region._replace(x=x1, y=y1, width=x2 - x1, height=y2 - y1)
+    def region(self, region: Region) -> Region:
+        """The part of the picture that holds a region of the image, at the same scale."""
+        low, size = np.array([region.x, region.y]), np.array([region.width, region.height])
+        middle = self._rotation @ (low + 0.5 * (size - self._before)) + 0.5 * self._after
+        half = 0.5 * np.abs(self._rotation) @ size
+        x, y = np.rint(middle - half).clip(0).astype(int).tolist()
+        width, height = (np.rint(middle + half).clip(0, self._after).astype(int) - (x, y)).tolist()
+        return Region(region.kind, x, y, width, height, round(region.longest * max(width, height) / max(size)), region.least)
+
+    def boxes(self, boxes: NDArray) -> NDArray:
+        """Boxes (n, 4; pixels) x1, y1, x2, y2 of the picture in the image, with the sides that they have in the picture."""
+        middles, halves = 0.5 * (boxes[:, :2] + boxes[:, 2:]), 0.5 * (boxes[:, 2:] - boxes[:, :2])
+        middles = (middles - 0.5 * self._after) @ self._rotation + 0.5 * self._before
+        halves = halves[:, ::-1] if self._on_its_side else halves
+        return np.concatenate([middles - halves, middles + halves], axis=1).astype(np.float32)
 
 
 def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
