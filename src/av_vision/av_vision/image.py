@@ -71,7 +71,7 @@ class AutomaticGain:
             low, high = np.percentile(counts[::4, ::4][good], (LOW, HIGH))
             counts = counts - local_mean(counts.clip(low, high))
         ends = np.asarray(np.percentile(counts[::4, ::4][good], (LOW, HIGH)), float)
-        newest = range_of(ends, noise_of(counts[::4]))
+        newest = range_of(ends, noise_of(counts[::4], step_of(image[::4])))
         if self._bad.found or image.shape[:2] != self._shape or time < self._time:
             self._range, self._shape = newest, image.shape[:2]
         else:
@@ -163,10 +163,17 @@ def coarse_mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(small, (0, 0), SURROUNDINGS * small.shape[1]), np.float32)
 
 
-def noise_of(counts: NDArray[np.float32]) -> float:
-    """Standard deviation of the noise of some rows (h, w[, channels]) of an image."""
-    # Neighbours see almost the same: half of their differences are smaller than the median.
-    return NORMAL_MAD * float(np.median(np.abs(np.diff(counts, axis=1)))) / math.sqrt(2.0) if counts.shape[1] > 1 else 0.0
+def noise_of(counts: NDArray[np.float32], step: int = 0) -> float:
+    """Standard deviation of the noise of some rows (h, w[, channels]) of an image, whose counts are multiples of a step."""
+    # Neighbours see almost the same: half of their differences are smaller than the median, which is known to half a step.
+    median = float(np.median(np.abs(np.diff(counts, axis=1)))) if counts.shape[1] > 1 else 0.0
+    return NORMAL_MAD * max(median, 0.5 * step) / math.sqrt(2.0)
+
+
+def step_of(image: NDArray) -> int:
+    """The largest power of two of which all counts of an image are multiples; 0 for counts that are not whole."""
+    bits = int(np.bitwise_or.reduce(image, axis=None)) if np.issubdtype(image.dtype, np.integer) else 0
+    return bits & -bits
 
 
 def range_of(ends: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
