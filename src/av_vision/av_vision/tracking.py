@@ -25,7 +25,7 @@ from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel, 
 # A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
 BEGIN = 0.1
 MAX_GAP_S = 1.0  # for which a track is kept without a detection
-SMOOTHING = 0.4  # weight of the newest velocity
+SMOOTHING_S = 0.15  # time constant of the velocity: of two images of a high rate it would be the noise of their boxes
 # Errors of predicted place and size have Student's t density of two degrees of freedom, in three dimensions: most are small,
 # some many times larger, as objects turn, are seen for the first time, and cameras shake.
 STUDENT = math.lgamma(2.5) - 1.5 * math.log(2.0 * math.pi)
@@ -166,7 +166,8 @@ class Tracker:
                 track = found[k] = ImageTrack(centre, size, np.zeros(2), time, scores)
                 self.tracks.append(track)
             elif track is not None and time > track.time:
-                track.velocity += SMOOTHING * ((centre - track.centre) / (time - track.time) - track.velocity)
+                newest = (centre - track.centre) / (time - track.time)
+                track.velocity += (1.0 - math.exp((track.time - time) / SMOOTHING_S)) * (newest - track.velocity)
             if track is not None:
                 track.centre, track.size, track.time = centre.astype(float), size.astype(float), time
                 track.boxes += 1

@@ -137,6 +137,19 @@ def test_a_camera_that_shakes_without_telling_its_pose_loses_no_drone(tmp_path):
     assert score > 0.85 and missed == 0
 
 
+@pytest.mark.parametrize('rate', [5, 15, 60, 240])
+def test_a_drone_that_is_hidden_for_a_while_is_the_same_one_at_any_rate_of_the_camera(tmp_path, rate):
+    """Boxes jitter by 0.7 pixels, 20 pixels large, at 10 pixels/s: from two images of 240 a second it would be at 240."""
+    model, kept = detector(tmp_path, 0.9), 0
+    for seed in range(20):
+        detection, rng = TemporalDetector(model), np.random.default_rng(seed)
+        for time in (*np.arange(2 * rate) / rate, 2.6):
+            low = np.array([200.0 + 10.0 * time, 150.0]) + rng.normal(0.0, 0.7, 2)
+            _, tracks = detection.fuse(Candidates(np.float32([[*low, *(low + 20.0)]]), np.float32([[0.02, 0.9]])), time)
+        kept += tracks == [1]
+    assert kept == 20
+
+
 def test_what_is_withheld_for_its_motion_is_no_empty_view(tmp_path):
     """A speck that rests and looks like a drone may be one: neither is it reported, nor is its image one without a drone."""
     speck = {**CALIBRATED, 'motion': json.dumps({'speck': 8.0, 'bend': 16.0, 'bends': 1.2, 'rests': 2.94})}
