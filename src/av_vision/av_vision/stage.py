@@ -72,6 +72,12 @@ class DetectionStage:
         self._target_distance, self._camera_height = target_distance, camera_height
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
+        self.unchanged: float
+        # When the newest image was new, the image, and where the camera looked then.
+        self._last: tuple[float, NDArray, CameraPose | None]
+        self._newest: float    # capture time of the newest image
+        self._next_estimate: float
+        self._depth: tuple[float, NDArray] | None    # time in s, image
         self.reset()
         self._gain = AutomaticGain(kind != 'visible')
         self.mount(lambda frame, time: None)
@@ -223,11 +229,8 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
-        self._newest = self._next_estimate = -math.inf  # capture time of the newest image, and of the next estimate
-        # When the newest image was new, the image, and where the camera looked then.
-        self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
-        self.unchanged = 0.0
-        self._depth: tuple[float, NDArray] | None = None  # time in s, image
+        self._newest = self._next_estimate = -math.inf
+        self._last, self.unchanged, self._depth = (0.0, np.empty(0), None), 0.0, None
 
 
 def make_detection_stage(parameters: Any) -> DetectionStage:
