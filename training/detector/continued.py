@@ -17,9 +17,9 @@ from measure import FrameResult, detect_all, overlaps_of
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from av_vision import Detector, DetectorSettings, TemporalDetector
 from av_vision.score_fusion import ScoreFusionModel, logit
 from av_vision.tracking import BOX, ImageTrack, Tracker
-from av_vision.yolo import Detector, DetectorSettings
 
 NEAR, ALIKE = 1.5, math.log(3.0)  # sides, and logarithm of the ratio of sizes, within which boxes of other things are counted
 Row = tuple[float, float, float, float, float, bool]
@@ -36,7 +36,7 @@ def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row
         if result.clip != clip:
             clip, tracker, followed = result.clip, Tracker(model), None
         seen, labels = result.seen, result.labels
-        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.scores.mean[0],
+        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.log_odds[0],
                            one.boxes < 2)
                   for one in tracker.tracks}
         tracks = tracker.update(seen, result.time)
@@ -76,7 +76,7 @@ def main() -> None:
     args = parser.parse_args()
     detector = Detector(args.model, DetectorSettings(score_threshold=0.02, keep=('drone',), threads=1))
     results = [one for split in SPLITS for one in detect_all(detector, args.data, split, 2, args.every)]
-    rows = np.array(list(rows_of(results, ScoreFusionModel.from_metadata(detector.model.metadata))))
+    rows = np.array(list(rows_of(results, TemporalDetector(detector).model)))
     gap, apart, size, score, others, unseen = rows.T
     print(f'{len(rows)} boxes that continue a track')
     print('DRIFT, UNSEEN, RESIZED: {:.2f}, {:.2f}, {:.3f}'.format(*scales(gap, apart, size, unseen > 0)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from places import Place, pictures
 from tight import without_padding
 
-from av_vision.yolo import Detector
+from av_vision import Detector
 
 SHARES = (0.0, 0.1, 0.25, 0.5, np.inf)  # of the picture's longer side
 TOUCHES = 0.1  # IoU from which a box is a bad one of a drone rather than a false drone

@@ -32,8 +32,7 @@ from places import JUDGED, SOURCES, Place
 from renders import CLUTTER, SUN, against_sun, clutter, rendered, simulator
 from sprites import build_bank
 
-from av_vision.score_fusion import ScoreFusionModel
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision import Detector, DetectorSettings, TemporalDetector
 from av_vision.yolo.model import parsed
 
 LOWEST = 0.02
@@ -56,7 +55,7 @@ def real(detector: Detector, alone: float, args: argparse.Namespace, kind: str =
         inverted: whether they are shown as negatives.
     """
     rows: list[Row] = []
-    in_time = ScoreFusionModel.from_metadata(detector.model.metadata).threshold or alone
+    in_time = TemporalDetector(detector).model.threshold or alone
     print(f'threshold of single images {alone}, of tracks {in_time}')
     print('split      results       boxes    frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
     for split in ('validation', 'test_clip', 'test_scene') if kind == 'V' else ('validation', 'test_clip'):

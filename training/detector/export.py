@@ -36,9 +36,9 @@ from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
 
+from av_vision import Detector, DetectorSettings
 from av_vision.detections import suppress
 from av_vision.score_fusion import ScoreFusionModel, logit
-from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
 INPUT = 640  # pixels of the longer side

@@ -21,8 +21,8 @@ from export import Decoded, fit, network_of, write
 from near import INPUT
 from places import SOURCES
 
+from av_vision import Detector, DetectorSettings
 from av_vision.score_fusion import logit
-from av_vision.yolo import Detector, DetectorSettings
 
 METADATA = {'names': json.dumps(dict(enumerate(CLASSES))), 'task': 'detect', 'imgsz': str(INPUT), 'license': 'Apache-2.0',
             'description': 'Near pass of the drone detector, trained from YOLOX-nano (Megvii, Apache-2.0)'}

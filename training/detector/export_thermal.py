@@ -27,7 +27,7 @@ from network import Network
 from numpy.typing import NDArray
 from thermal import INPUT, ThermalFrames
 
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision import Detector, DetectorSettings
 
 
 def candidates_by_clip(network: Network, args: argparse.Namespace) -> tuple[NDArray, NDArray, NDArray]:

@@ -13,11 +13,8 @@ from clips import clips_of, film
 from numpy.typing import NDArray
 from tight import PADDING, padded, tightened, without_padding
 
+from av_vision import Detector, Region, RegionPlanner, TemporalDetector
 from av_vision.detections import Candidates
-from av_vision.search import RegionPlanner
-from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector
-from av_vision.yolo.letterbox import Region
 
 LEAST, BINS = 0.05, 10  # of the calibration error
 BANDS = ((5, 8), (8, 12), (12, 20), (20, 40), (40, 80), (80, 160), (160, 300))  # sizes of drones in pixels

@@ -22,8 +22,8 @@ from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
 from av_simulator.rendering.view import Drone, RenderedImage, View
+from av_vision import Detector
 from av_vision.bearing import bearings_of_boxes
-from av_vision.yolo import Detector
 
 BEFORE_THINGS = {8: '0.75', 12: '0.85'}  # aims by the least size
 LEAST_COUNT = 120

@@ -16,9 +16,8 @@ from clips import INFRARED_SIZE, RATE, STRIDE, WIDTH, clips_of, film, folder_of,
 from numpy.typing import NDArray
 from painted import Rng, noise
 
+from av_vision import Detector, DetectorSettings, TemporalDetector
 from av_vision.detections import Candidates
-from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector, DetectorSettings
 
 KINDS = ('at rest', 'drifting', 'hot pixel', 'flying')
 IMAGES, SETTLED = 25, 12  # of a sequence, every 0.1 s, and after how many a decision is due

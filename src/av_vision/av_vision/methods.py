@@ -15,8 +15,9 @@ from av_common.files import check_file
 from av_common.methods import Methods
 from av_vision.detections import Candidates
 from av_vision.image import to_bgr8
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision.yolo.detector import Detector
 from av_vision.yolo.letterbox import Region
+from av_vision.yolo.model import DetectorSettings
 
 DETECTORS = Methods('av_rig.detectors', {'shipped': 'av_vision.stage:make_detector'}, 'model', 'an ONNX file or ')
 # Boxes (n, 4) as x1, y1, x2, y2 in pixels and scores (n,) of 0 to 1, of an image (height, width, 3), BGR.

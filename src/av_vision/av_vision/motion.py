@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.config_reader import bounded, parse
+from av_common.config_reader import bounded
 
 HISTORY_S, LEAST_S, LEAST_POINTS = 1.5, 1.0, 6  # of a path that is judged
 LEAST_SIZE = 4.0  # pixels, below which boxes are mostly noise
@@ -49,12 +49,6 @@ class MotionModel:
     bend: float = bounded(10.0, low=0.01, high=1e4)
     bends: float = bounded(1.0, low=0.01, high=10.0)
     rests: float = bounded(0.0, low=0.0, high=10.0)
-
-    @classmethod
-    def from_metadata(cls, metadata: Mapping[str, str]) -> MotionModel:
-        """From `motion` of a detector's metadata, in JSON; without it, motion is ignored. Raises ValueError."""
-        model: MotionModel = parse(cls, metadata.get('motion', '{}'), 'motion')
-        return model
 
     def log_odds(self, path: Path) -> float:
         """Log-likelihood ratio of the reported class to others, at most 0; 0 for a path that is too short to tell.

@@ -32,7 +32,8 @@ from av_vision.methods import DETECTORS, ForeignDetector, is_model_file
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision.yolo.detector import Detector
+from av_vision.yolo.model import DetectorSettings
 
 BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells where to look
 REGIONS = 2          # of an image, where the processor's speed does not decide

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import parse
 from av_vision.camera_pose import CameraPose, turned
 from av_vision.detections import Candidates, Detections
 from av_vision.image import to_bgr8
@@ -33,17 +34,21 @@ class TemporalDetector:
         detector: finds candidate boxes in one image.
         temporal_fusion: whether scores are fused over images.
         planner: selects the parts of each image that are searched; None searches all of it.
+
+    Raises ValueError for an entry of `score_fusion` or `motion` that is unknown or outside its bounds.
     """
 
     def __init__(self, detector: Detector, temporal_fusion: bool = True, planner: RegionPlanner | None = None) -> None:
         self.detector = detector
         self.planner = planner or RegionPlanner(detector.model.longest, detector.model.near, FULL)
-        model = ScoreFusionModel.from_metadata(detector.model.metadata) if temporal_fusion else SINGLE_IMAGE
+        stated = detector.model.metadata
+        model = parse(ScoreFusionModel, stated.get('score_fusion', '{}'), 'score_fusion') if temporal_fusion else SINGLE_IMAGE
         # Without memory, boxes below the threshold are not used.
-        self.model = replace(model, floor=min(model.floor, detector.threshold) if model.memory_s else detector.threshold)
+        floor = min(model.floor, detector.threshold) if model.memory_s else detector.threshold
+        self.model: ScoreFusionModel = replace(model, floor=floor)
         # A threshold that the user sets holds for tracks, too.
         self._threshold = detector.settings.score_threshold or self.model.threshold or detector.threshold
-        self._motion = MotionModel.from_metadata(detector.model.metadata) if self.model.memory_s else MotionModel()
+        self._motion = parse(MotionModel, stated.get('motion', '{}'), 'motion') if self.model.memory_s else MotionModel()
         self._tracker = Tracker(self.model)
         self._shape: tuple[int, ...] | None = None
         self._pose: CameraPose | None = None
@@ -120,7 +125,7 @@ class TemporalDetector:
         Those of the track follow from its scores and, of classes that are reported, its motion.
         """
         track.path.add(time, track.centre, float((track.size - self.detector.model.box_padding).max()))
-        fused = track.scores.probabilities()
+        fused = track.probabilities
         moved = 1.0 / (1.0 + np.exp(-logit(fused) - self._motion.log_odds(track.path)))
         of_track = np.where(self.detector.kept, moved, fused)
         return track.continued * of_track + (1.0 - track.continued) * own
@@ -139,12 +144,12 @@ class TemporalDetector:
 
     def _is_likely(self, track: ImageTrack) -> bool:
         """Whether a track would be reported if it were not for its motion."""
-        fused = track.scores.probabilities()
+        fused = track.probabilities
         return bool(self.detector.kept[fused.argmax()] and fused.max() > self._threshold)
 
     def _cues(self, time: float) -> list[Cue]:
         """Where tracks are expected, those that are most likely of a class to report first."""
-        ranked = sorted(self._tracker.tracks, key=lambda track: -track.scores.probabilities()[self.detector.kept].max())
+        ranked = sorted(self._tracker.tracks, key=lambda track: -track.probabilities[self.detector.kept].max())
         return [Cue(track.predicted(time), float(track.size.max()), time - track.looked, self._is_likely(track))
                 for track in ranked[:MOST_TRACKS]]
 

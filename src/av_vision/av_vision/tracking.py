@@ -20,7 +20,7 @@ from scipy.special import expit
 
 from av_vision.detections import Candidates
 from av_vision.motion import Path
-from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel, logit
+from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
 
 # A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
 BEGIN = 0.1
@@ -65,7 +65,7 @@ def scores(tracks: Sequence[ImageTrack], candidates: Candidates, prior: float) -
     """
     variance, share = SPREAD**2, 1.0 / (1.0 + np.exp(-prior))
     least = prior - 0.5 * variance - SPREAD
-    means = np.maximum([track.scores.mean for track in tracks], least)
+    means = np.maximum([track.log_odds for track in tracks], least)
     own = np.maximum(logit(candidates.probabilities), least)
     same = -0.5 * (own[None] - means[:, None]) ** 2 / variance
     other = np.logaddexp(np.log(1.0 - share) - 0.5 * (own - prior + 0.5 * variance) ** 2 / variance,
@@ -86,7 +86,8 @@ class ImageTrack:
         size (2,; pixels): width and height of the last box.
         velocity (2,; pixels/s): velocity of the centre.
         time (s): capture time of the last box.
-        scores: posterior of the classes.
+        log_odds (classes,): mean of those of its boxes, weighted by age.
+        weight: sum of the weights.
         looked (s): capture time of the last image that was searched for it.
         path: where it was, for what its motion says.
         boxes: number of images in which it was found.
@@ -98,12 +99,18 @@ class ImageTrack:
     size: NDArray[np.float64]
     velocity: NDArray[np.float64]
     time: float
-    scores: ScoreFusion
+    log_odds: NDArray[np.float64]
+    weight: float = 0.0
     looked: float = -np.inf
     path: Path = field(default_factory=Path)
     boxes: int = 0
     continued: float = 1.0
     id: int = 0
+
+    @property
+    def probabilities(self) -> NDArray[np.float64]:
+        """Posterior probabilities (classes,)."""
+        return np.asarray(expit(self.log_odds))
 
     def predicted(self, time: float) -> NDArray[np.float64]:
         """Centre (2,) in pixels expected at `time` (s)."""
@@ -162,16 +169,17 @@ class Tracker:
         for k, (centre, size) in enumerate(zip(candidates.centres, candidates.sizes, strict=True)):
             track = found[k]
             if track is None and candidates.scores[k] >= self._begin:
-                scores = ScoreFusion(self._model, candidates.probabilities.shape[1])
-                track = found[k] = ImageTrack(centre, size, np.zeros(2), time, scores)
+                track = found[k] = ImageTrack(centre, size, np.zeros(2), time, np.zeros(candidates.probabilities.shape[1]))
                 self.tracks.append(track)
             elif track is not None and time > track.time:
                 newest = (centre - track.centre) / (time - track.time)
                 track.velocity += (1.0 - math.exp((track.time - time) / SMOOTHING_S)) * (newest - track.velocity)
             if track is not None:
+                kept = math.exp((track.time - time) / self._model.memory_s) if self._model.memory_s > 0.0 else 0.0
+                track.weight = kept * track.weight + 1.0
+                track.log_odds += (logit(candidates.probabilities[k]) - track.log_odds) / track.weight
                 track.centre, track.size, track.time = centre.astype(float), size.astype(float), time
                 track.boxes += 1
-                track.scores.add(candidates.probabilities[k], time)
         return found
 
     def reset(self) -> None:

@@ -15,6 +15,7 @@ import cv2
 from av_common.arguments import not_negative, whole
 from av_common.parameters import node_parameters
 from av_common.track import DRONE
+from av_vision.detections import Detections
 from av_vision.drawing import draw
 from av_vision.image import AutomaticGain
 from av_vision.models import FILES
@@ -22,7 +23,7 @@ from av_vision.sources.capture import SourceError
 from av_vision.sources.files import Recording, name_for_opencv
 from av_vision.stage import make_detector
 from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detections, Detector
+from av_vision.yolo.detector import Detector
 from av_vision.yolo.letterbox import letterbox
 
 COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
