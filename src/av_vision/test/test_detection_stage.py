@@ -21,13 +21,12 @@ from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.parameters import node_parameters
 from av_interfaces.msg import Bearing
-from av_vision.detections import Candidates, Detections
-from av_vision.messages import camera_info_message, image_message
+from av_vision import Candidates, Detections, camera_info_message, image_message
 from av_vision.stage import make_detection_stage
-from av_vision.visibility import ground_distances
 
 CAMERA = PinholeCamera.from_fov(416, 416, math.radians(70.0))
-GROUND = ground_distances(CAMERA, 3.0, np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
+BELOW = CAMERA.rays(np.indices((416, 416))[::-1].reshape(2, -1).T)[:, 1].reshape(416, 416)    # sine of the angle below level
+GROUND = np.where(BELOW > 1e-3, 3.0 / np.maximum(BELOW, 1e-3), np.inf)    # m, of flat ground 3 m below the camera
 
 
 @pytest.fixture

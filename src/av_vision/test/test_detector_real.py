@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision import Detector, DetectorSettings
 
 DATA = Path(__file__).resolve().parents[4] / 'shared/data'
 MODEL, CLIP = DATA / 'models/yolox_nano_coco.onnx', DATA / 'drone_detection/video/V_DRONE_001.mp4'

@@ -13,14 +13,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
-from av_vision.detections import Detections
-from av_vision.messages import (
-    camera_info_message,
-    detections_message,
-    header_of,
-    image_from_message,
-    image_message,
-)
+from av_vision import Detections, camera_info_message, detections_message, image_from_message, image_message
 
 RNG = np.random.default_rng(0)
 HEADER = Header(frame_id='camera_optical_frame')
@@ -128,8 +121,3 @@ def test_detections_are_in_their_message():
 def test_no_detection_is_an_empty_array():
     message = detections_message(HEADER, Detections(), ())
     assert len(message.detections) == 0
-
-
-def test_the_header_of_another_library():
-    foreign = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=500), frame_id='camera_optical_frame')
-    assert header_of(SimpleNamespace(header=foreign)) == HEADER

@@ -75,14 +75,6 @@ def test_what_leaves_the_image_is_forgotten():
     assert path.motion() == (0.0, 0.0, 0.0)
 
 
-def test_metadata_says_how_or_motion_is_ignored():
-    assert MotionModel.from_metadata({}).gain == 0.0
-    assert MotionModel.from_metadata({'motion': '{"gain": 1, "neutral": 2}'}) == MotionModel(1.0, 2.0)
-    for text in ('{', '[1]', '{"gain": -1}', '{"mood": 1}', '{"gain": "x"}', '{"neutral": 0}'):
-        with pytest.raises(ValueError, match='motion'):
-            MotionModel.from_metadata({'motion': text})
-
-
 WATCHED = MotionModel(speck=8.0, bend=16.0, bends=1.2, rests=2.94)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yolo_models
 
-from av_vision.yolo import Detector, DetectorSettings, ModelError
+from av_vision import Detector, DetectorSettings, ModelError
 
 NAMES = "['bird', 'drone', 'kite']"
 SIDE = 960

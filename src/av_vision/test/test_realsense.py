@@ -10,8 +10,7 @@ pytest.importorskip('pyrealsense2', reason='pyrealsense2 is not installed')
 
 from fake_realsense import DEPTH_MM, RATE, FakeRealSense
 
-from av_vision.sources.capture import Capture, SourceError
-from av_vision.sources.realsense import RealSenseSource
+from av_vision import Capture, RealSenseSource, SourceError
 
 
 @pytest.fixture

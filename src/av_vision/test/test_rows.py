@@ -8,8 +8,8 @@ import pytest
 import yolo_models
 from onnx import TensorProto, helper, numpy_helper
 
+from av_vision import Detector, DetectorSettings, ModelError
 from av_vision.cli import detect
-from av_vision.yolo import Detector, DetectorSettings, ModelError
 from av_vision.yolo.layout import Layout
 from av_vision.yolo.rows import readings
 

@@ -32,6 +32,17 @@ def test_the_first_image_is_searched_whole_and_then_every_part_in_turn(shape):
     assert near > 20
 
 
+@pytest.mark.parametrize('shape', [SHAPE, (720, 1280), (1080, 1920)])
+def test_whatever_is_small_is_whole_in_some_tile(shape):
+    """Of less than what neighbouring tiles have in common: a fifth of their sides, which are 416 pixels of the input."""
+    plan = planner()
+    plan.plan(shape, 0.0, [])
+    tiles = {region for k in range(1, 400) for region in plan.plan(shape, k / 15.0, []) if region.kind == 'tile'}
+    size = 0.19 * 416 * min(max(shape) / 1280, 1.0)
+    for centre in np.random.default_rng(0).uniform(size, np.array(shape[::-1]) - size, (500, 2)):
+        assert any(tile.holds(centre, size) for tile in tiles)
+
+
 def test_a_track_is_looked_at_in_nearly_every_image_and_the_rest_is_not_forgotten():
     plan, centre, age = planner(), np.array([400.0, 300.0]), 0.0
     plan.plan(SHAPE, 0.0, [])

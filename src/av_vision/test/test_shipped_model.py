@@ -8,11 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from av_vision.models import shipped_model
-from av_vision.score_fusion import ScoreFusionModel
-from av_vision.search import RegionPlanner
-from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision import Detector, DetectorSettings, RegionPlanner, TemporalDetector, shipped_model
 
 LEAST_FOUND = 0.5  # measured 0.83 on all unseen clips, in time; see the model card
 CLIPS = Path(__file__).resolve().parents[4] / 'shared/data/drone_detection'
@@ -29,7 +25,7 @@ def test_it_is_small_and_says_what_it_is(detector):
     assert detector.model.class_names == ('drone', 'bird', 'airplane', 'helicopter')
     assert metadata['license'] == 'Apache-2.0'
     assert detector.threshold == float(metadata['score_threshold'])
-    assert ScoreFusionModel.from_metadata(metadata).memory_s > 1.0
+    assert TemporalDetector(detector).model.memory_s > 1.0
     assert detector.model.dynamic_size
 
 
@@ -88,7 +84,7 @@ def test_fused_scores_of_places_never_seen_are_right_as_often_as_they_say():
     scores, right = (np.concatenate(part) for part in zip(*drone, *airplane, strict=True))
     # 0.64 and 0.58; without motion, and with images taken as independent in part, 0.80 and 0.57
     assert abs(scores.mean() - right.mean()) < 0.15
-    usual = ScoreFusionModel.from_metadata(low.model.metadata).threshold
+    usual = TemporalDetector(Detector(shipped_model())).model.threshold
     assert np.mean([(one >= usual).any() for one, _ in drone]) > 0.8
     assert np.mean([(one >= usual).any() for one, _ in airplane]) < 0.45
 

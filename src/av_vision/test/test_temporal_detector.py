@@ -8,15 +8,13 @@ import pytest
 import yolo_models
 from scipy.special import expit, logit
 
-from av_vision.detections import Candidates
-from av_vision.motion import FAINT
-from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector, DetectorSettings
+from av_vision import Candidates, Detector, DetectorSettings, TemporalDetector
 
 NAMES = {'names': "{0: 'bird', 1: 'drone'}", 'score_threshold': '0.5'}
 TIMED = {**NAMES, 'score_fusion': json.dumps({'prior': -1.0, 'correlation': 1.0, 'memory_s': 3.0, 'floor': 0.02})}
 IMAGE = np.zeros((416, 416, 3), np.uint8)
 BOX = (96.0, 160.0, 160.0, 200.0)
+FAINT = 0.1    # sizes/s^2, acceleration that the noise of boxes may give
 
 
 def detector(folder, score, metadata=TIMED, label=1):
@@ -161,3 +159,94 @@ def test_what_is_withheld_for_its_motion_is_no_empty_view(tmp_path):
             assert len(found) == 0 and detection.searched(0.1 * k) == empty, (drone, k)
         detection.fuse(Candidates(np.empty((0, 4), np.float32), np.empty((0, 2), np.float32)), 3.0)
         assert detection.searched(3.0), 'gone, and looked for'
+
+
+@pytest.fixture(scope='module')
+def networks(tmp_path_factory):
+    """Detectors that report all classes, without and with a memory, and one of low threshold."""
+    folder = tmp_path_factory.mktemp('networks')
+    plain, timed = (yolo_models.write(folder / f'{name}.onnx', 'v8', classes=2, metadata=metadata)
+                    for name, metadata in (('plain', NAMES), ('timed', TIMED)))
+    return {'plain': Detector(plain), 'timed': Detector(timed),
+            'low': Detector(timed, DetectorSettings(score_threshold=0.03))}
+
+
+def seen(*centres, size=20.0, drone=0.9, bird=0.05):
+    centres = np.array(centres, np.float32).reshape(-1, 2)
+    return Candidates(np.concatenate([centres - size / 2, centres + size / 2], 1),
+                      np.tile(np.float32([bird, drone]), (len(centres), 1)))
+
+
+def test_a_number_survives_a_gap_and_not_a_long_one(networks):
+    detection = TemporalDetector(networks['plain'])
+    for k in range(10):
+        assert detection.fuse(seen((100 + 6 * k, 50)), k / 30)[1] == [1]
+    for k in range(10, 25):
+        assert detection.fuse(seen(), k / 30)[1] == []
+    assert detection.fuse(seen((100 + 6 * 25, 50)), 25 / 30)[1] == [1]
+    assert detection.fuse(seen((300, 50)), 5.0)[1] == [2]
+
+
+def test_two_that_cross_keep_their_numbers(networks):
+    detection, rng = TemporalDetector(networks['plain']), np.random.default_rng(0)
+    for k in range(60):
+        both, order = [(100 + 5 * k, 100 + k), (400 - 5 * k, 110 + k)], list(rng.permutation(2) if k else (0, 1))
+        ids = detection.fuse(seen(*[both[i] for i in order]), k / 30)[1]
+        assert [ids[order.index(0)], ids[order.index(1)]] == [1, 2]
+
+
+def test_a_bird_that_is_a_drone_in_the_next_image_is_the_same_thing_and_far_things_and_those_of_another_size_are_new(networks):
+    detection = TemporalDetector(networks['plain'])
+    looks = [((100, 100), {}), ((102, 100), {'drone': 0.1, 'bird': 0.8}), ((400, 100), {}), ((400, 100), {'size': 200.0})]
+    assert [detection.fuse(seen(place, **what), 0.03 * k)[1] for k, (place, what) in enumerate(looks)] == [[1], [1], [2], [3]]
+    assert detection.fuse(seen((400, 100), size=200.0), 0.0)[1] == [4], 'time that runs backwards begins anew'
+
+
+def test_a_bird_and_a_drone_that_pass_each_other_keep_their_numbers(networks):
+    """In the image in which they are nearest to where the other one is expected, their classes tell them apart."""
+    detection = TemporalDetector(networks['timed'])
+    for k in range(10):
+        gap = 14.0 if k < 9 else 1.0
+        pair = seen((100, 100 - gap), (100, 100 + gap))
+        looks = Candidates(pair.boxes, np.float32([[0.01, 0.9], [0.9, 0.01]]))
+        ids = detection.fuse(looks, 0.1 * k)[1]
+    assert ids == [1, 2]
+
+
+def test_a_box_where_a_track_expects_it_is_not_left_to_another_track(networks):
+    """One of two drones is hidden, and something beside the other is seen: to give each track a box would exchange them."""
+    detection = TemporalDetector(networks['timed'])
+    for k in range(10):
+        assert detection.fuse(seen((100, 100), (111, 100)), 0.1 * k)[1] == [1, 2]
+    found, tracks = detection.fuse(seen((100, 100), (83, 100)), 1.0)
+    assert dict(zip(found.centres[:, 0].tolist(), tracks, strict=True)) == {100.0: 1, 83.0: 3}
+
+
+def test_with_a_memory_weak_boxes_only_continue(networks):
+    detection = TemporalDetector(networks['low'])
+    assert detection.fuse(seen((100, 100), drone=0.05, bird=0.01), 0.0)[1] == []
+    assert detection.fuse(seen((100, 100)), 0.1)[1] == [1]
+    assert detection.fuse(seen((100, 100), (400, 400), drone=0.05, bird=0.01), 0.2)[1] == [1]
+
+
+def test_images_make_a_mean_and_missed_ones_say_nothing(networks):
+    """As the same object looks alike, many images are no surer than one; drones and other things are missed alike."""
+    detection = TemporalDetector(networks['timed'])
+    for k in range(40):
+        found, _ = detection.fuse(seen(*[(100, 100)] * (k % 3 > 0), drone=0.8), 0.1 * k)
+        assert found.scores == pytest.approx([0.8] * (k % 3 > 0), abs=1e-6)
+    detection.reset()
+    looks = [2.0, -0.5, 1.5, 0.6]
+    for k, look in enumerate(looks):
+        found, _ = detection.fuse(seen((100, 100), drone=expit(look)), 0.1 * k)
+    weights = np.exp(-0.1 / 3.0 * np.arange(3, -1, -1))
+    assert found.scores == pytest.approx([expit(weights @ looks / weights.sum())], abs=1e-3)
+
+
+@pytest.mark.parametrize(('key', 'text'), [
+    ('score_fusion', '{'), ('score_fusion', '[1]'), ('score_fusion', '{"mood": 1}'), ('score_fusion', '{"correlation": 7}'),
+    ('score_fusion', '{"correlation": 0.6}'), ('score_fusion', '{"prior": "x"}'), ('motion', '{'), ('motion', '[1]'),
+    ('motion', '{"gain": -1}'), ('motion', '{"mood": 1}'), ('motion', '{"gain": "x"}'), ('motion', '{"neutral": 0}')])
+def test_metadata_of_another_memory_or_motion_are_refused(tmp_path, key, text):
+    with pytest.raises(ValueError, match=key):
+        TemporalDetector(detector(tmp_path, 0.9, {**TIMED, key: text}))

@@ -24,7 +24,7 @@ from vision_msgs.msg import Detection2DArray  # noqa: E402
 
 from av_common.qos import IMAGE, RESULT  # noqa: E402
 from av_interfaces.msg import Visibility  # noqa: E402
-from av_vision.messages import image_from_message, image_message  # noqa: E402
+from av_vision import image_from_message, image_message  # noqa: E402
 from av_vision.nodes.camera_node import CameraNode  # noqa: E402
 from av_vision.nodes.detector_node import DetectorNode  # noqa: E402
 

@@ -5,9 +5,7 @@ import onnxruntime
 import pytest
 import yolo_models
 
-from av_vision.detections import suppress
-from av_vision.yolo import Detector, DetectorSettings, ModelError
-from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
+from av_vision import Detector, DetectorSettings, ModelError, Region
 
 LAYOUTS = ['yolox_raw', 'yolox', 'v8', 'v5', 'end_to_end']
 NAMES = {'names': "{0: 'bird', 1: 'drone', 2: 'kite'}"}
@@ -176,17 +174,16 @@ def test_providers_that_are_not_installed_are_left_out_of_the_order(tmp_path, mo
     assert Detector(path, DetectorSettings(providers=order)).model.provider == 'CPUExecutionProvider'
 
 
-def test_suppression_keeps_the_best_of_each_place():
-    boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [9, 0, 19, 10], [-50, 0, -40, 10]], np.float32)
-    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32)).tolist() == [1, 2, 3]
-    assert suppress(np.empty((0, 4)), np.empty(0)).size == 0
-
-
-def test_a_part_of_a_likelier_thing_is_no_thing_of_its_own():
-    boxes = np.array([[0, 0, 40, 40], [5, 5, 15, 15], [30, 30, 50, 50], [6, 6, 14, 14]], np.float32)
-    scores = np.array([0.9, 0.8, 0.7, 0.6], np.float32)
-    assert suppress(boxes, scores).tolist() == [0, 2]
-    assert suppress(boxes, scores[::-1].copy()).tolist() == [3, 2]  # a quarter of the third lies in the first
+@pytest.mark.parametrize(('boxes', 'scores', 'kept'), [
+    ([(100, 0, 110, 10), (101, 0, 111, 10), (109, 0, 119, 10), (50, 0, 60, 10)], (0.5, 0.9, 0.8, 0.7), [1, 2, 3]),
+    ([(0, 0, 40, 40), (5, 5, 15, 15), (30, 30, 50, 50), (6, 6, 14, 14)], (0.9, 0.8, 0.7, 0.6), [0, 2]),
+    ([(0, 0, 40, 40), (5, 5, 15, 15), (30, 30, 50, 50), (6, 6, 14, 14)], (0.6, 0.7, 0.8, 0.9), [3, 2])])
+def test_the_best_of_each_place_is_kept_and_what_is_part_of_a_likelier_thing_is_none(tmp_path, boxes, scores, kept):
+    """A quarter of the third box of the latter lies in the first."""
+    truth = [(*box, 1, score) for box, score in zip(boxes, scores, strict=True)]
+    path = yolo_models.write(tmp_path / 'model.onnx', output=yolo_models.rows_of('v8', 416, 3, truth)[None])
+    found = Detector(path).detect(np.zeros((416, 416, 3), np.uint8))
+    assert np.rint(found.boxes).tolist() == [list(boxes[k]) for k in kept]
 
 
 def test_a_likely_bird_in_the_same_place_is_no_drone(tmp_path):
@@ -196,17 +193,23 @@ def test_a_likely_bird_in_the_same_place_is_no_drone(tmp_path):
     assert len(Detector(path, DetectorSettings(keep=('drone',))).detect(np.zeros((416, 416, 3), np.uint8))) == 0
 
 
-def test_letterbox_and_tensor():
-    image = np.full((50, 100, 3), (10, 20, 30), np.uint8)
-    fitted, scale = letterbox(image, 416, 416)
-    assert (fitted.shape, scale) == ((416, 416, 3), 4.16)
-    assert fitted[207, 0].tolist() == [10, 20, 30]
-    assert fitted[208, 0].tolist() == [114, 114, 114]
-    tensor = to_tensor(fitted, True, np.float16)
-    assert (tensor.shape, tensor.dtype) == ((1, 3, 416, 416), np.float16)
-    assert tensor[0, :, 0, 0] == pytest.approx(np.array([30, 20, 10]) / 255, abs=1e-3)
-    assert fitting_size(512, 640, 640) == (512, 640)
-    assert fitting_size(1080, 1920, 640) == (384, 640)
+@pytest.mark.parametrize('half', [False, True])
+@pytest.mark.parametrize(('shape', 'size', 'shown'), [((50, 100), 0, 208 / 416), ((300, 1000), 416, 125 / 128)])
+def test_the_network_is_given_the_image_in_rgb_from_0_to_1_on_grey(tmp_path, half, shape, size, shown):
+    """One that answers with the mean of each channel: of a fixed square, and of multiples of 32 into which an image fits."""
+    path = yolo_models.write_means(tmp_path / 'means.onnx', dynamic=bool(size), half=half)
+    image = np.full((*shape, 3), (60, 120, 240), np.uint8)
+    means, = Detector(path, DetectorSettings(input_size=size)).candidates(image, 0.01).probabilities
+    assert means == pytest.approx((shown * np.array([240, 120, 60]) + (1.0 - shown) * 114) / 255, abs=3e-3)
+
+
+@pytest.mark.parametrize(('x', 'kept'), [(0, ['left', 'middle']), (200, ['middle']), (416, ['right', 'middle'])])
+def test_what_an_inner_edge_of_a_region_cuts_is_left_to_other_regions(tmp_path, x, kept):
+    places = {'left': (0, 100, 30, 130), 'right': (386, 200, 416, 230), 'middle': (200, 300, 230, 330)}
+    truth = [(*place, 1, 0.9) for place in places.values()]
+    path = yolo_models.write(tmp_path / 'model.onnx', output=yolo_models.rows_of('v8', 416, 3, truth)[None])
+    found = Detector(path).candidates(np.zeros((416, 832, 3), np.uint8), 0.3, [Region('tile', x, 0, 416, 416, 416)])
+    assert sorted(np.rint(found.boxes - [x, 0, x, 0]).tolist()) == sorted(list(places[name]) for name in kept)
 
 
 def test_doubtful_numbers_are_left_out(tmp_path):

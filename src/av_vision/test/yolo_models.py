@@ -62,3 +62,20 @@ def write(path, layout='v8', side=416, classes=3, metadata=None, half=False, dyn
     helper.set_model_props(model, metadata or {})
     onnx.save(model, str(path))
     return path
+
+
+def write_means(path, side=416, dynamic=False, half=False):
+    """Write a model whose one box has the mean of each channel of its input as scores; returns the path."""
+    kind, tensor = (np.float16, TensorProto.FLOAT16) if half else (np.float32, TensorProto.FLOAT)
+    shape = ['batch', 3, 'height', 'width'] if dynamic else [1, 3, side, side]
+    nodes = [helper.make_node('ReduceMean', ['images'], ['mean'], axes=[2, 3], keepdims=0),
+             helper.make_node('Unsqueeze', ['mean', 'last'], ['scores']),
+             helper.make_node('Concat', ['box', 'scores'], ['one'], axis=1), helper.make_node('Mul', ['one', 'at'], ['output'])]
+    at = np.zeros((1, 1, len(grid(side))))
+    at[..., 1300] = 1.0
+    values = [numpy_helper.from_array(np.array([[[60.0], [200.0], [20.0], [20.0]]], kind), 'box'),
+              numpy_helper.from_array(at.astype(kind), 'at'), numpy_helper.from_array(np.array([2]), 'last')]
+    graph = helper.make_graph(nodes, 'means', [helper.make_tensor_value_info('images', tensor, shape)],
+                              [helper.make_tensor_value_info('output', tensor, None)], values)
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid('', 17)], ir_version=8), str(path))
+    return path
