@@ -73,13 +73,11 @@ class DetectionStage:
         self._target_distance, self._camera_height = target_distance, camera_height
         self.shown: NDArray[np.uint8] | None = None
         self.detected: tuple[Detections, list[int]] = Detections(), []
-        self.unchanged: float
+        self.unchanged = 0.0
         # When the newest image was new, the image, and where the camera looked then.
-        self._last: tuple[float, NDArray, CameraPose | None]
-        self._newest: float    # capture time of the newest image
-        self._next_estimate: float
-        self._depth: tuple[float, NDArray] | None    # time in s, image
-        self.reset()
+        self._last: tuple[float, NDArray, CameraPose | None] = 0.0, np.empty(0), None
+        self._newest = self._next_estimate = -math.inf  # capture time of the newest image, and of the next estimate
+        self._depth: tuple[float, NDArray] | None = None  # time in s, image
         self._gain = AutomaticGain(kind != 'visible')
         self.mount(lambda frame, time: None)
         self._attitudes: Timeline[Quaternion] = Timeline(KEEP_S)  # from the body to the world
@@ -230,8 +228,9 @@ class DetectionStage:
     def reset(self) -> None:
         """Discard tracks and earlier images."""
         self.detector.reset()
+        self.unchanged, self._last = 0.0, (0.0, np.empty(0), None)
         self._newest = self._next_estimate = -math.inf
-        self._last, self.unchanged, self._depth = (0.0, np.empty(0), None), 0.0, None
+        self._depth = None
 
 
 def make_detection_stage(parameters: Any) -> DetectionStage:
