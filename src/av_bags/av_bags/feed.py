@@ -6,8 +6,6 @@ import math
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from itertools import islice
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
@@ -167,12 +165,17 @@ class Feed:
 
         A stamp of zero tells of none: its publisher has not set it, or a simulation begins.
         """
-        own = []
-        for name, topic in self._topics.items():
-            if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
-                stamps = ((stamp_of(data), time_ns / SECOND) for _, time_ns, data in self._bag.messages([topic]))
-                own += [is_of_clock(*found) for found in islice(filter(itemgetter(0), stamps), 1)]
-        return bool(own) and not any(own)
+        clocked = {topic for name, topic in self._topics.items()
+                   if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER}
+        told = set[str]()
+        for topic, time_ns, data in self._bag.messages(clocked) if clocked else ():
+            if topic not in told and (stamp := stamp_of(data)):
+                if is_of_clock(stamp, time_ns / SECOND):
+                    return False
+                told.add(topic)
+                if told == clocked:
+                    break
+        return bool(told)
 
 
 def _jumps(now: float, time: float) -> bool:
