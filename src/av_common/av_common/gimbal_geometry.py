@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import quat2mat
 
-from av_common.angles import angles_to_direction
+from av_common.angles import angles_to_direction, wrap
 from av_common.frames import yaw_of
 from av_common.rig import GimbalMount
 
@@ -84,7 +84,8 @@ def angles_of_command(gimbal: GimbalMount, pan: float, tilt: float, stabilized: 
         sight = level @ sight if stabilized else level.T @ sight
     turned, raised = _angles(gimbal.mount.rotation.T @ sight)
     ahead, sense = _pan_of_mount(gimbal)
-    return turned + math.tau * round((sense * (pan - ahead) - turned) / math.tau), raised
+    wanted = sense * (pan - ahead)
+    return wanted + wrap(turned - wanted), raised
 
 
 def command_of_angles(gimbal: GimbalMount, pan: float, tilt: float) -> tuple[float, float]:
@@ -96,7 +97,8 @@ def command_of_angles(gimbal: GimbalMount, pan: float, tilt: float) -> tuple[flo
     """
     azimuth, elevation = _angles(gimbal.mount.rotation @ angles_to_direction(pan, tilt))
     ahead, sense = _pan_of_mount(gimbal)
-    return azimuth + math.tau * round((ahead + sense * pan - azimuth) / math.tau), elevation
+    wanted = ahead + sense * pan
+    return wanted + wrap(azimuth - wanted), elevation
 
 
 def sense_of(gimbal: GimbalMount) -> float:

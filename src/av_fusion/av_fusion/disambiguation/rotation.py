@@ -109,8 +109,7 @@ class RotationPlanner:
             return 0.0
         self._is_open = True
         self._centre = yaw if self._centre is None else self._centre
-        offset = float(wrap(yaw - self._centre))
-        offset = self._offset = offset + math.tau * round((self._offset - offset) / math.tau)
+        offset = self._offset = self._offset + wrap(yaw - self._centre - self._offset)
         if self._fixed:
             return self._fixed if abs(offset + self._fixed) <= SECTOR else 0.0
         left = {direction: SECTOR - direction * offset for direction in (1.0, -1.0)}
