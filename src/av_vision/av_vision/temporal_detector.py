@@ -97,7 +97,10 @@ class TemporalDetector:
         turn = Turn(degrees, width, height)
         found = self.detector.candidates(turn.image(to_bgr8(image)), self.model.floor,
                                          [turn.region(region) for region in regions or self.detector.whole(height, width)])
-        return replace(found, boxes=turn.boxes(found.boxes))
+        found = replace(found, boxes=turn.boxes(found.boxes))
+        # The corners of the picture show nothing of the image.
+        inside = ((found.centres >= 0.0) & (found.centres <= (width, height))).all(axis=1)
+        return Candidates(found.boxes[inside], found.probabilities[inside])
 
     def fuse(self, candidates: Candidates, time: float, regions: Sequence[Region] = ()) -> tuple[Detections, list[int]]:
         """Detections and their track numbers from the candidates of an image.

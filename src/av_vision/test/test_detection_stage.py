@@ -317,6 +317,27 @@ def test_the_network_sees_images_upright(monkeypatch, searching, roll, by):
     assert (boxes[0].size_x < boxes[0].size_y) == (roll in (90, -90))
 
 
+@pytest.mark.parametrize('roll', [20, -33])
+def test_what_a_network_finds_beside_a_rolled_image_is_not_reported(monkeypatch, searching, roll):
+    """Its picture is upright, and grey where it shows nothing of the image: the view is empty, and said to be."""
+    stage, detector = searching, searching.detector.detector
+    stage.reset()
+    stage.mount(lambda frame, time: FLU_TO_OPTICAL.T @ rotation_from_rpy(0.0, 0.0, math.radians(roll)),
+                PinholeCamera.from_fov(640, 480, 1.2))
+    box, probabilities = np.array([[2.0, 2.0, 22.0, 22.0]], np.float32), np.eye(4)[[detector._names.index('drone')]] * 0.9
+    searched = []
+
+    def candidates(picture, floor, regions):
+        searched.append(picture.shape)
+        return Candidates(box, probabilities)
+
+    monkeypatch.setattr(detector, 'candidates', candidates)
+    image = np.full((480, 640, 3), 90, np.uint8)
+    answers = [stage.on_image(image_at(3000.0 + 10.0 * roll + 0.1 * k, image), 0.0)[0] for k in range(12)]
+    assert len(searched) == 12 and all(shape > (480, 640) for shape in searched)
+    assert all(answer is not None and not answer.detections for answer in answers)
+
+
 def test_an_image_that_was_overtaken_ends_no_track(model):
     """Images of a network may be exchanged; a loop of a file is another sequence."""
     stage = make(model)
