@@ -1,7 +1,7 @@
 """`ros2 run av_evaluation false_targets`: what is followed at ordinary places, by `follow_threshold` of fusion_node.
 
-Sounds are the simulator's, heard by the shipped rig's microphones at rest; fog hides the drone. A false target is a track whose
-probability of being a drone has reached the threshold while no drone is heard.
+Sounds are the simulator's, heard by the shipped rig's microphones at rest; fog hides the drone. There is a false target each
+time that something begins to be followed while no drone is heard.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -21,7 +21,10 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_common.arguments import number, whole
 from av_common.rig import load_rig
+from av_common.track import State
+from av_evaluation.experiments.methods import repeat
 from av_evaluation.experiments.offline_run import SILENT_DB, OfflineRun
+from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Bystander, Scenario, SourceSignal, Target, Weather
@@ -32,7 +35,6 @@ from av_simulator.trajectories import Line, RandomFlight, Static, Vector
 THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95)
 WITHIN = math.radians(20.0)  # of the drone, or of its mirror image at a pair: the track is the drone's
 FOG = 0.8  # 1/m: nothing is seen
-RIG: Vector = (0.0, 0.0, 1.5)  # m
 
 
 def _around(rng: Generator, nearest: float, farthest: float, height: float) -> Vector:
@@ -89,14 +91,6 @@ PLACES: dict[str, Callable[[Generator, float], dict[str, Any]]] = {
     'wind': _wind, 'street': _street, 'garden': _garden, 'workshop': _workshop}
 
 
-class Followed(NamedTuple):
-    """By thresholds (t,): tracks that reached them, and shares of time in which any track is above, or the drone's is."""
-
-    tracks: NDArray
-    any: NDArray
-    drone: NDArray
-
-
 def scenario(place: str, seed: int, seconds: float, audible: bool) -> Scenario:
     """Some time at a place.
 
@@ -113,23 +107,21 @@ def scenario(place: str, seed: int, seconds: float, audible: bool) -> Scenario:
     return Scenario(place, (drone,), seconds, seed, weather=Weather(fog=FOG), **PLACES[place](rng, seconds))
 
 
-def followed(place: str, seed: int, seconds: float, audible: bool) -> Followed:
-    """Simulate a time at a place; see `scenario`."""
-    rig = load_rig(find_config('rig'))
-    run = OfflineRun(scenario(place, seed, seconds, audible), rig, MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal)))
-    highest: dict[int, float] = {}
-    above, right, steps = np.zeros(len(THRESHOLDS)), np.zeros(len(THRESHOLDS)), 0
-    for now, _ in run.steps():
-        tracks = [] if run.rig.targets is None else run.rig.targets.tracks
-        drone = {track.id: 0.5 if math.isnan(track.drone_probability) else track.drone_probability for track in tracks}
-        highest |= {number: max(value, highest.get(number, 0.0)) for number, value in drone.items()}
-        truth = float(run.log.true_azimuth([now])[0])
-        near = [drone[track.id] for track in tracks
-                if min(abs(wrap(track.azimuth - truth)), abs(wrap(math.pi - track.azimuth - truth))) < WITHIN]
-        above += np.less_equal(THRESHOLDS, max(drone.values(), default=0.0))
-        right += np.less_equal(THRESHOLDS, max(near, default=0.0))
-        steps += 1
-    return Followed(np.sum(np.less_equal.outer(THRESHOLDS, list(highest.values())), axis=1), above / steps, right / steps)
+def followed(place: str, seed: int, seconds: float, audible: bool) -> NDArray[np.float64]:
+    """Figures (t, 3) by thresholds: how often something begins to be followed, shares of time with it, and with the drone.
+
+    The place is simulated once; each threshold has a tracker of its own for what was heard. See `scenario`.
+    """
+    log = OfflineRun(scenario(place, seed, seconds, audible), load_rig(find_config('rig')), MultiTargetTracker()).run()
+    return np.array([_figures(log, repeat(log.events, MultiTargetTracker(TrackerSettings(follow_threshold=threshold))))
+                     for threshold in THRESHOLDS])
+
+
+def _figures(log: RunLog, bearings: Series) -> tuple[float, float, float]:
+    is_followed, truth = bearings['state'] != State.NONE, log.true_azimuth(bearings['time'])
+    off = np.minimum(abs(wrap(bearings['azimuth'] - truth)), abs(wrap(math.pi - bearings['azimuth'] - truth)))
+    begins = is_followed & np.diff(is_followed, prepend=False)
+    return float(begins.sum()), float(is_followed.mean()), float(np.mean(is_followed & (off < WITHIN)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -153,9 +145,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _row(found: list[Followed], seconds: float, audible: bool) -> str:
-    tracks, others, drone = (np.mean([getattr(one, name) for one in found], axis=0) for name in Followed._fields)
+def _row(found: Sequence[NDArray], seconds: float, audible: bool) -> str:
+    """The columns of a line, of the figures of all runs."""
+    begun, shares, drone = np.mean(found, axis=0).T
     if audible:
         return ''.join(f'{share:>14.0%}' for share in drone)
-    rates = 3600.0 / seconds * tracks
-    return ''.join(f'{f"{rate:.0f} / {share:.0%}":>14}' for rate, share in zip(rates, others, strict=True))
+    return ''.join(f'{f"{rate:.0f} / {share:.0%}":>14}' for rate, share in zip(3600.0 / seconds * begun, shares, strict=True))
