@@ -16,6 +16,8 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 os.environ['AV_STRICT'] = '1'
 # A field of a wrong type ends a process when it is published, without a word of Python: it raises here.
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+# There is a worker for each core: threads of linear algebra would wait for each other. It is read where numpy is imported.
+os.environ.setdefault('OMP_NUM_THREADS', '1')
 
 
 @pytest.hookimpl(tryfirst=True)    # xdist reads the groups in its own hook
