@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.config_reader import bounded, load
-from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_common.frames import BASE_FRAME, FLU_TO_OPTICAL, MAP_FRAME, ODOM_FRAME, rotation_from_rpy
 from av_common.microphone_array import MicrophoneArray
 
 Vector = tuple[float, float, float]
 CAMERAS = ('camera', 'second_camera')  # that a rig may have
+FARTHEST_M = 10.0  # of a sensor on a body: beyond it, directions from both differ by 6 deg at 100 m
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,18 @@ class Mount:
     Parameters:
         position (m): origin in the body's frame.
         rpy_deg (degrees): fixed-axis roll, pitch, yaw of the rotation from this frame to the body's.
+
+    Raises ValueError for a position that is not on the body, or more than a turn.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if max(map(abs, self.position)) > FARTHEST_M:
+            raise ValueError(f'position is {list(self.position)}, expected metres, at most {FARTHEST_M:g} from the body')
+        if max(map(abs, self.rpy_deg)) > 360.0:
+            raise ValueError(f'rpy_deg is {list(self.rpy_deg)}, expected degrees, at most 360')
 
     @cached_property
     def rotation(self) -> NDArray:
@@ -160,7 +169,7 @@ class Rig:
         second_camera: another one, such as a thermal one beside a visible one; None without one.
         gimbal: the gimbal that carries the cameras; None where they are fixed to the body.
 
-    Raises ValueError for two cameras with a frame of one name.
+    Raises ValueError for two frames of one name, or a name that tf2 refuses.
     """
 
     array: ArrayMount
@@ -169,9 +178,16 @@ class Rig:
     gimbal: GimbalMount | None = None
 
     def __post_init__(self) -> None:
-        frames = [name for camera in self.cameras.values() for name in (camera.frame, camera.optical_frame)]
-        if len(set(frames)) < len(frames):
-            raise ValueError(f'frame and optical_frame of the cameras are {", ".join(frames)}, expected names that differ')
+        named = {'array.frame': self.array.frame, **({'gimbal.frame': self.gimbal.frame} if self.gimbal else {}),
+                 **{f'{name}.{key}': getattr(camera, key) for name, camera in self.cameras.items()
+                    for key in ('frame', 'optical_frame')}}
+        taken = dict.fromkeys((BASE_FRAME, ODOM_FRAME, MAP_FRAME), 'the name of a frame of REP-105')
+        for key, frame in named.items():
+            if not frame or frame.startswith('/') or len(frame.split()) != 1:
+                raise ValueError(f'{key} is {frame!r}, expected a name without blanks that does not begin with a slash')
+            if frame in taken:
+                raise ValueError(f'{key} is {frame!r}, which is {taken[frame]}, expected names that differ')
+            taken[frame] = f'{key}, too'
 
     @property
     def cameras(self) -> dict[str, CameraMount]:
