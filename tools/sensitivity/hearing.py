@@ -52,7 +52,7 @@ def cases(count: int, data: Path) -> dict[str, list[Case]]:
         count: windows of each case.
         data: folder with recordings and measured responses.
     """
-    sources: list[Source] = [rotors, partial(rotors, decay=0.2), recordings(data / 'drone_detection' / 'audio')]
+    sources: list[Source] = [rotors, partial(rotors, decay=0.2), recordings(data)]
     indoors, head = places.rooms(np.random.default_rng(1), count, sources), places.Head(data)
     slower = places.rooms(np.random.default_rng(5), count, sources, 16_000)
     fields = {'rooms, +10 dB': (indoors, 10.0, WINDOW_S), 'rooms, +0 dB': (indoors, 0.0, WINDOW_S),
