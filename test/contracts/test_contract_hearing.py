@@ -123,6 +123,24 @@ def test_a_channel_at_fault_costs_only_itself(contract, fault):
              at_most('passing of a pair', passing[1], 0.0))
 
 
+@pytest.mark.parametrize('array', ['pair', 'square', 'eight'])
+@pytest.mark.parametrize('channels', [slice(None), slice(1)], ids=['all', 'one'])
+def test_a_gain_that_is_too_high_hides_nothing(contract, array, channels):
+    """20 dB over full scale at all microphones or at one. What cuts off by the level alone delays nothing (Van Vleck, 1966)."""
+    found, microphones = [], ARRAYS[array]
+    for seed in range(2):
+        rng = np.random.default_rng([16, seed])
+        azimuth = rng.uniform(-60.0, 60.0)
+        sound = with_noise(rng, heard(rotors(rng, 2 * RATE + 2 * MARGIN), microphones, unit(azimuth, 0.0)), 10.0)
+        sound[:, channels] *= 10.0 / sound.std()
+        found += [strongest(message, azimuth) for message in directions_of(hearing(microphones, hop=0.25),
+                                                                           np.clip(sound, -1.0, 1.0 - 2.0**-15))]
+    errors, sigmas, confidences = np.array(found).T
+    contract(at_most('error, RMS', rms(errors), 0.1 * LOBE_DEG, 'deg'),
+             at_least('within 1.96 sigma', float(np.mean(np.abs(errors) < 1.96 * sigmas)), 0.85),
+             at_least('passing', float(np.mean(confidences > PASSES)), 0.95))
+
+
 def test_a_gap_is_not_bridged():
     """0.7 s of frames are lost: stamps stay those of the capture, and no window is made of both sides."""
     rng = np.random.default_rng(6)

@@ -19,10 +19,6 @@ from av_audio.steered_response import Peak
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import COSINES, MicrophoneArray
 
-FULL_SCALE = 0.999  # amplitude from which a sample is clipped, unless others are beyond 1, as in files of floating point
-# Windows in which more of the samples clip have no confidence: of a sine at 1 dB over full scale 30 % clip, of noise with
-# full scale at 2.6 sigma 1 %.
-CLIPPED_SHARE = 0.01
 # The logarithm of the likelihood by a coherence of 1 between the microphones, and the share of windows whose curve does not
 # tell where a source is. Fitted to a drone and a pair that move in 30 random rooms.
 NATS, MISSING = 60.0, 0.05
@@ -245,9 +241,7 @@ class Localizer:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
             self.without_phases += 1
             return 0.0
-        full = FULL_SCALE <= max(float(window.max()), -float(window.min())) <= 1.0
-        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if full else 0.0
-        return float(peak.source_probability * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+        return peak.source_probability
 
 
 def odds_over_cosines(array: MicrophoneArray, peak: Peak, probability: float) -> Array:

@@ -198,19 +198,12 @@ def test_sound_that_differs_between_the_microphones_has_no_confidence(decay):
     assert confident < 0.01 * 300
 
 
-def test_silence_and_clipped_channels_have_no_confidence():
+def test_silence_has_no_direction():
     localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0))
     silent = only(localizer.process(np.zeros((24_000, 2)), 0))
     assert len(silent.azimuth) == 0
     assert silent.level_dbfs == -np.inf
     assert only(localizer.process(np.full((24_000, 2), 0.3), 0)).confidence.size == 0
-    loud = np.clip(20.0 * plane_wave(PAIR, 10.0, seconds=0.5), -1.0, 1.0)
-    assert only(localizer.process(loud, 0)).confidence[0] == 0.0
-
-
-def test_samples_beyond_full_scale_are_of_floating_point_and_do_not_clip():
-    loud = 1000.0 * plane_wave(PAIR, 10.0, seconds=0.5)
-    assert only(Localizer(PAIR, RATE).process(loud, 0)).confidence[0] > 0.99
 
 
 def test_level_is_that_of_the_band():
