@@ -61,7 +61,7 @@ class FrameMaker:
             spread (samples): maximum difference of the delays between a microphone and the array's centre.
         """
         first = np.floor(sent).astype(int) - spread - BEFORE - 2
-        length = int(self.samples * (1.0 + FASTEST)) + 2 * spread + TAPS + 4
+        length = int(self.samples / (1.0 - FASTEST)) + 2 * spread + TAPS + 4    # sources that approach are compressed (Doppler)
         sent_before, factors_before = self._before or (sent - self.samples, factors)
         self._before = sent, factors
         active = np.any(factors, axis=-1) | np.any(factors_before, axis=-1)
