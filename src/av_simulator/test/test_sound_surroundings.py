@@ -100,6 +100,13 @@ def test_room_is_that_of_pyroomacoustics(pra):
         assert np.corrcoef(heard[:, channel], expected)[0, 1] > 0.9999
 
 
+@pytest.mark.parametrize(('source', 'microphone'), [([9.0, 3.0, 1.4], [4.0, 2.0, 1.2]), ([4.0, 2.0, 1.2], [3.0, -2.0, 1.4])])
+def test_a_room_reflects_nothing_of_what_is_outside(source, microphone):
+    room = Surroundings(room=Room([0, 0, 0], [6.0, 5.0, 3.0], (0.1,)))
+    heard, free = (hear(source, [microphone], pulse_signal(), 0.3, place) for place in (room, None))
+    np.testing.assert_allclose(heard, free, atol=1e-12)
+
+
 def test_face_of_a_box_is_a_mirror_within_its_edges():
     wall = Box([0.0, 4.0, 2.0], [3.0, 0.2, 4.0], absorption=(0.36,))
     surroundings = Surroundings(obstacles=[wall])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Annotated, NamedTuple
 
@@ -28,7 +29,9 @@ _CLEAR_NUMBER = -0.2  # Fresnel number below which an edge has no effect
 
 @dataclass(frozen=True)
 class Room:
-    """A box-shaped room whose walls reflect sound (image sources, Allen and Berkley 1979). Raises ValueError.
+    """A box-shaped room whose walls reflect the sound of sources in it to microphones in it. Raises ValueError.
+
+    It is the method of image sources (Allen and Berkley 1979). What is outside is heard as without the room.
 
     Parameters:
         minimum, maximum (m, ENU): corners.
@@ -219,7 +222,7 @@ def _reflected(shade: Shade, ground: Ground | None, box: Box | None = None,
 def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[Ray]:
     """All rays with 1 to `order` reflections (Allen and Berkley 1979, with mirrored receiver instead of source)."""
     low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
-    kept = reflection_factor(room.absorption, frequency_hz)
+    kept, high = reflection_factor(room.absorption, frequency_hz), np.asarray(room.maximum, float)
     reach = range(-room.order, room.order + 1)
     for turns in product(reach, reach, reach):
         # Along one axis, `turn` reflections give the image 2 * size * ceil(turn / 2) +- x; the sign is - for an odd number.
@@ -228,9 +231,10 @@ def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[Ray]:
             continue
         sign = np.array([1.0 if turn % 2 == 0 else -1.0 for turn in turns])
         cells = np.array([(turn + 1) // 2 for turn in turns])
-        yield Ray(np.diag(sign), low - sign * low + 2.0 * cells * size, _constant(kept**hits))
+        yield Ray(np.diag(sign), low - sign * low + 2.0 * cells * size, partial(_within, low, high, kept**hits))
 
 
-def _constant(factor: NDArray) -> Callable[[NDArray, NDArray], NDArray]:
-    """A response that does not depend on the places of source and receiver."""
-    return lambda source, receiver: factor
+def _within(low: NDArray, high: NDArray, factor: NDArray, source: NDArray, receiver: NDArray) -> NDArray | None:
+    """A response (F,) of a room from corner to corner (m, (3,)), whose walls reflect what is inside."""
+    inside = all(np.all((low <= place) & (place <= high)) for place in (source, receiver))
+    return factor if inside else None
