@@ -129,6 +129,27 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     assert f"argument {option}: '{values[0]}', expected a" in capsys.readouterr().err
 
 
+def test_a_drone_beyond_what_the_lens_model_describes_is_in_no_picture(tmp_path):
+    """The curve of k1 = -0.19 turns back 53 deg off the axis; the drone is at 66 deg."""
+    rig = find_config('rig').read_text().replace('[-0.08, 0.02, 0.0005, -0.0003, 0.0]', '[-0.19, 0.0, 0.0, 0.0, 0.0]')
+    (tmp_path / 'rig.yaml').write_text(rig.replace('arrays/', f'{find_config("rig").parent}/arrays/'))
+    (tmp_path / 'over.yaml').write_text('{name: over, targets: [{trajectory: {kind: static, position: [2, 0, 9]}}]}')
+    assert simulate.main([str(tmp_path / 'over.yaml'), '--rig', str(tmp_path / 'rig.yaml'), '--out', str(tmp_path / 'out'),
+                          '--duration', '0.1']) == 0
+    row, = csv.DictReader((tmp_path / 'out' / 'boxes.csv').open())
+    assert (row['min_x'], float(row['visible_fraction']), float(row['score'])) == ('', 0.0, 0.0)
+
+
+@pytest.mark.parametrize('renderer', ['scene', 'flat'])
+def test_a_lens_that_does_not_fill_the_picture_is_named(renderer):
+    """With k1 = -0.35 nothing is farther than 0.65 focal lengths from the middle; the corners are 0.87."""
+    rig = load_rig(find_config('rig'))
+    rig = dataclasses.replace(rig, camera=dataclasses.replace(rig.camera, distortion=(-0.35, 0.0, 0.0, 0.0)))
+    world = World(load_scenario(find_config('circle', 'scenarios')), rig)
+    with pytest.raises(ValueError, match='-0.35.* does not fill 640 x 480 pixels'):
+        next(steps(world, 0.1, renderer=renderer))
+
+
 def test_what_was_simulated_is_simulated_again_in_its_folder(tmp_path):
     arguments = ['--out', str(tmp_path), '--duration', '0.1', '--image-rate', '0']
     assert simulate.main(['circle', *arguments]) == 0

@@ -24,6 +24,7 @@ from av_simulator.rendering.view import View
 
 MOST_WAITING = 2       # maximum number of requested views; more would only add delay
 PATIENCE = 60.0        # s, limit for the first image, which includes loading of libraries and compilation of shaders
+LAST = 5.0             # s, limit for what is outstanding when the simulation ends, and for the end of the process
 HUNG = 20.0            # s, limit for a further one: a scene on a core that thirty others share takes half of it
 FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
@@ -38,7 +39,7 @@ def make_renderer(camera: PinholeCamera, scene: Scene, drones: Sequence[tuple[fl
                   seed: int, air_c: float, palette: str = '', kind: str = 'auto', everything: bool = False) -> Renderer:
     """A new renderer for one camera in one scene, which only the calling thread may use.
 
-    Raises ValueError for an unknown kind, RuntimeError if `scene` does not work on this machine.
+    Raises ValueError for an unknown kind and a lens that does not fill the image, RuntimeError if `scene` does not work here.
 
     Parameters:
         camera: pinhole model of the camera.
@@ -53,6 +54,10 @@ def make_renderer(camera: PinholeCamera, scene: Scene, drones: Sequence[tuple[fl
     """
     if kind not in RENDERERS:
         raise ValueError(f'renderer: {kind!r}, expected one of {", ".join(RENDERERS)}')
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * (camera.width - 1, camera.height - 1)
+    if np.isnan(camera.rays(corners)).any():
+        raise ValueError(f'camera: a lens with the distortion {camera.distortion} does not fill '
+                         f'{camera.width} x {camera.height} pixels')
     if kind != 'flat':
         try:
             return SceneRenderer(camera, scene, drones, seed, obstacles, air_c, everything, palette)
@@ -91,7 +96,7 @@ class RenderProcess:
     """
 
     def __init__(self, factory: RendererFactory, kind: str, first: View, depth: bool = False) -> None:
-        self._waiting, self._opened = 0, False
+        self._waiting, self._answers = 0, False    # views without a frame; whether one is worth waiting for
         self._progress = time.monotonic()    # s, when the newest frame came, or was requested where none was outstanding
         context = multiprocessing.get_context('spawn')    # a fork would copy locks held by other threads
         self._connection, other = context.Pipe()
@@ -108,7 +113,7 @@ class RenderProcess:
         for _ in range(int(PATIENCE / 0.05)):
             if self._connection.poll(0.05):
                 self._receive()
-                self._opened = True
+                self._answers = True
                 return
             if not keep_waiting():
                 return
@@ -126,6 +131,7 @@ class RenderProcess:
         """
         if self._waiting >= MOST_WAITING:
             if time.monotonic() - self._progress > HUNG:
+                self._answers = False
                 raise TimeoutError(f'camera: no image within {HUNG:.0f} s')
             return False
         if not self._waiting:
@@ -148,14 +154,15 @@ class RenderProcess:
         return frames
 
     def close(self) -> list[CameraFrame]:
-        """End the process and return the outstanding frames."""
+        """End the process and return the outstanding frames; one that is hung is killed at once."""
         frames = []
         try:
-            while self._opened and self._waiting and (done := self.ready(timeout=5.0)):
-                frames += done
+            while self._answers and self._waiting:
+                done = self.ready(timeout=LAST)
+                self._answers, frames = bool(done), frames + done
         finally:
             self._connection.close()
-            self._process.join(5.0 if self._opened else 0.0)
+            self._process.join(LAST if self._answers else 0.0)
             if self._process.is_alive():
                 self._process.kill()
                 self._process.join()

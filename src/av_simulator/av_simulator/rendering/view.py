@@ -177,10 +177,9 @@ def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | 
         drone: pose and size of the drone.
     """
     points = view.to_optical(outline(drone))
-    # The distortion polynomial can map points far outside back into the image: they are excluded by their angle.
-    if (points[:, 2] <= 0.05).any() or np.abs(np.arctan2(points[:, 0], points[:, 2])).min() > camera.horizontal_fov_rad:
+    pixels = camera.project(points)    # nan beyond the lens, or what its model says of it
+    if (points[:, 2] <= 0.05).any() or np.isnan(pixels).any():
         return None
-    pixels = camera.project(points)
     edge = np.array([camera.width - 1.0, camera.height - 1.0])
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     inside_low, inside_high = low.clip(0.0, edge), high.clip(0.0, edge)
