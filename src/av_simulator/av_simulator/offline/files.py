@@ -49,7 +49,8 @@ class FileRecorder:
             code = cv2.VideoWriter.fourcc(*'mp4v')
             self._video = cv2.VideoWriter(video, code, image_rate, (camera.width, camera.height))
             if not self._video.isOpened():
-                raise OSError(f'{video} cannot be written: OpenCV has no MPEG-4 encoder here')
+                raise OSError(f'{video} cannot be written with {image_rate:g} images a second: OpenCV has no MPEG-4 encoder '
+                              'here, or none for this rate')
         numbers = range(len(world.scenario.targets))
         self._files = [(folder / name).open('w', newline='') for name in ('truth.csv', 'boxes.csv')]
         self._truth, self._boxes = map(csv.writer, self._files)
