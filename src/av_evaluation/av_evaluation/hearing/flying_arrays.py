@@ -20,12 +20,14 @@ Deleforge, Di Carlo, Strauss, Serizel, Marcenaro: Audio-based search and rescue 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import read_sound
@@ -59,13 +61,24 @@ class Frame(NamedTuple):
     direction: NDArray
 
 
+@contextmanager
+def _naming(*files: Path) -> Iterator[None]:
+    """What goes wrong within is raised as ValueError with the names of the files that are read there."""
+    try:
+        yield
+    except (OSError, LookupError, TypeError, ValueError, NotImplementedError, MatReadError) as error:
+        raise ValueError(f'{", ".join(map(str, files))}: {error}') from error
+
+
 def read_array(folder: Path) -> MicrophoneArray:
     """The microphones. Raises FileNotFoundError, or ValueError for positions of another shape."""
     text, matlab = (min(folder.rglob(name), default=None) for name in ('micPos.txt', 'coordinates.mat'))
     if text is not None:
-        positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
+        with _naming(text):
+            positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
     elif matlab is not None:
-        positions = np.asarray(loadmat(matlab)['micPos'], float)
+        with _naming(matlab):
+            positions = np.asarray(loadmat(matlab)['micPos'], float)
     else:
         raise FileNotFoundError(f'{folder} has neither micPos.txt nor coordinates.mat, with the positions of the microphones')
     if positions.ndim != 2 or 3 not in positions.shape:
@@ -95,7 +108,8 @@ def read_alone(folder: Path) -> NoiseRecording | None:
 
 
 def _competition(truth: Path) -> Iterator[Frame]:
-    tables = loadmat(truth)
+    with _naming(truth):
+        tables = loadmat(truth)
     angles = [np.atleast_2d(value) for end in ('_azimuth', '_elevation')
               for name, value in tables.items() if name.endswith(end)]
     if len(angles) != 2 or angles[0].shape != angles[1].shape:
@@ -112,15 +126,18 @@ def _competition(truth: Path) -> Iterator[Frame]:
 
 
 def _dregon(sound: Path, truth: Path) -> Iterator[Frame]:
-    place = loadmat(truth, squeeze_me=True)['source_position']
-    stamps, azimuths, elevations = (np.asarray(place[name].item(), float).ravel()
-                                    for name in ('timestamps', 'azimuth', 'elevation'))
-    begin = float(np.ravel(loadmat(sound.with_name(f'{sound.stem}_audiots.mat'))['audio_timestamps'])[0])
+    clock = sound.with_name(f'{sound.stem}_audiots.mat')
+    with _naming(truth, clock):
+        place = loadmat(truth)['source_position']
+        stamps, azimuths, elevations = np.broadcast_arrays(*(
+            np.ravel(place[name].item()).astype(float) for name in ('timestamps', 'azimuth', 'elevation')))
+        begin = float(np.ravel(loadmat(clock)['audio_timestamps'])[0])
     samples, rate = read_sound(sound)
     directions = angles_to_direction(np.radians(azimuths), np.radians(elevations))
     for start in range(0, len(samples) - round(FRAME_S * rate) + 1, round(FRAME_S * rate)):
-        k = int(np.searchsorted(stamps, begin + start / rate + 0.5 * FRAME_S))
-        if 0 < k < len(stamps) and np.isfinite(directions[k]).all():
+        away = np.abs(stamps - (begin + start / rate + 0.5 * FRAME_S))
+        k = int(np.argmin(away))
+        if away[k] <= 0.5 * FRAME_S and np.isfinite(directions[k]).all():
             yield Frame(samples[start:start + round(FRAME_S * rate)], rate, directions[k])
 
 
