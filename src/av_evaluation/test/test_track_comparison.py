@@ -13,7 +13,8 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.tracks import CUTOFF_DEG, TrackComparison
 from av_fusion.tracker import MultiTargetTracker
 from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
+from av_simulator.scenario import Scenario, Target, load_scenario
+from av_simulator.trajectories import Static
 
 
 def at(azimuth_deg):
@@ -47,3 +48,9 @@ def test_a_scenario_of_several_targets_is_compared_with_all_of_them():
     assert 0.0 < figures.gospa_deg < math.sqrt(2.0) * CUTOFF_DEG
     one = load_scenario(find_config('circle', 'scenarios'))
     assert OfflineRun(one, load_rig(find_config('rig')), MultiTargetTracker()).run(0.2).tracks is None
+
+
+def test_a_target_at_the_rigs_own_place_has_no_direction_and_is_missed():
+    scenario = Scenario('two', tuple(Target(Static((x, 0.0, 1.5))) for x in (0.0, 9.0)))
+    figures = OfflineRun(scenario, load_rig(find_config('rig')), MultiTargetTracker()).run(1.5).tracks
+    assert figures is not None and 1.0 <= figures.missed < 2.0

@@ -25,6 +25,7 @@ MOST_SOURCES = 4  # directions in one window
 DYNAMIC_DB = 12.0  # level below that of the loudest source from which a source is not found
 FLUCTUATION_DB, FLUCTUATION_S = 3.0, 0.5  # standard deviation and correlation time of each source's level
 RESOLUTION = math.radians(10.0)  # sources closer than this to a louder one are not found
+NEAREST_M = 1e-3  # of a target: one at the rig's own place has no direction
 NOISE_M = 60.0  # distance at which a source is as loud as the noise
 HALF_VIEW, HALF_HEIGHT = math.radians(35.0), math.radians(27.0)  # half of the camera's field of view
 SIGHT_SIGMA = math.radians(0.3)  # of detections
@@ -96,7 +97,7 @@ class MeasurementSimulation:
         offsets = np.array([trajectory(time)[0] for trajectory in trajectories]) - rig.trajectory(time)[0]
         yaw = self.yaw(time)
         turn = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-        distances = np.linalg.norm(offsets, axis=1)
+        distances = np.maximum(np.linalg.norm(offsets, axis=1), NEAREST_M)
         return offsets @ turn.T / distances[:, np.newaxis], distances
 
     def _hear(self, time: float, vectors: NDArray[np.float64], distances: NDArray[np.float64]) -> tuple[DoaMeasurement, ...]:

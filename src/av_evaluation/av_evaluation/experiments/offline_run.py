@@ -37,6 +37,7 @@ POSE_RATE = 100.0  # Hz, of odometry and of the gimbal's orientation, as the liv
 EGO_NOISE_S = 10.0  # length of the record of the rig alone, for rigs with rotors
 IMAGE_EVERY = 2  # steps from one image to the next: 15 Hz, as the live simulator sends them
 SILENT_DB = -120.0  # below what 16 bits hold
+NEAREST_M = 1e-3  # of a target: one at the rig's own place has no direction, and is followed by no track
 
 
 class OfflineRun:
@@ -124,7 +125,8 @@ class OfflineRun:
             away = places - np.array(self.world.rig_state(time).position)
             tracks = {track.id: angles_to_direction(track.azimuth_world, track.elevation_world)
                       for track in self.rig.targets.tracks if not track.drone_probability < 0.5}
-            self._comparison.add(away / np.linalg.norm(away, axis=1, keepdims=True), tracks)
+            away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), NEAREST_M)
+            self._comparison.add(away, tracks)
 
     def _log_truth(self, moment: float) -> Odometry:
         """Log the true poses, and report those of rig and gimbal."""

@@ -88,7 +88,7 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
                       color=colour(method), linewidth=2.2 if method == 'fused' else 1.3)
     axes.set(xscale='log', xlim=(0.02, 180.0), ylim=(0, 101), xlabel='error (deg)', ylabel='share of errors below (%)')
     axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
-    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
+    axes.legend(*axes.get_legend_handles_labels(), loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
 
 
