@@ -45,4 +45,4 @@ def test_less_is_heard_where_it_is_louder():
 def test_the_table_names_what_is_wrong(capsys):
     with pytest.raises(SystemExit):
         table.main(['--places', '9'])
-    assert 'places are 0 to 3' in capsys.readouterr().err
+    assert "--places: '9', expected an integer of 0 to 3" in capsys.readouterr().err

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import multiprocessing
 import multiprocessing.synchronize
 import queue
@@ -23,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from av_common.arguments import not_negative, positive, whole, within
 from av_common.guarded_node import decode
 from av_common.stamps import to_seconds
 from av_evaluation.network.city import REPORTS, TRACKS, Cell, Grid, Names, World, all_cells
@@ -262,23 +262,19 @@ def _report(options: argparse.Namespace, found: Sequence[Traffic], names: Names)
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='city', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add('--rigs', type=int, default=1000, help='which report four times a second (%(default)s)')
-    add('--cells', type=int, default=8, help='along each side (%(default)s)')
-    add('--size', type=float, default=200.0, help='m, of a cell (%(default)s)')
-    add('--reach', type=float, default=75.0, help='m, from a rig to the farthest drone that it measures (%(default)s)')
-    add('--drones', type=int, default=8, help='which fly across (%(default)s)')
-    add('--duration', type=float, default=40.0, help='s (%(default)s)')
-    add('--outage', type=float, default=1.0, help='s for which the router is dead, halfway; 0 for never (%(default)s)')
-    add('--processes', type=int, default=2, help='which share the cells (%(default)s)')
+    add('--rigs', type=within(4, 1e6, whole=True), default=1000, help='which report four times a second (%(default)s)')
+    add('--cells', type=within(2, 1000, whole=True), default=8, help='along each side (%(default)s)')
+    add('--size', type=within(20.0, 1e6), default=200.0, help='m, of a cell (%(default)s)')
+    add('--reach', type=positive, default=75.0, help='m, from a rig to the farthest drone that it measures (%(default)s)')
+    add('--drones', type=within(1, 1e6, whole=True), default=8, help='which fly across (%(default)s)')
+    add('--duration', type=within(2.0, 1e6), default=40.0, help='s (%(default)s)')
+    add('--outage', type=not_negative, default=1.0, help='s for which the router is dead, halfway; 0 for never (%(default)s)')
+    add('--processes', type=within(1, 1000, whole=True), default=2, help='which share the cells (%(default)s)')
     add('--router', default='tcp/127.0.0.1:7448', help='endpoint of the router (%(default)s)')
-    add('--seed', type=int, default=1, help='of rigs and drones (%(default)s)')
+    add('--seed', type=whole, default=1, help='of rigs and drones (%(default)s)')
     options = parser.parse_args(arguments)
-    low = {'rigs': 4, 'cells': 2, 'drones': 1, 'duration': 2.0, 'outage': 0.0, 'processes': 1, 'size': 20.0}
-    if wrong := [f'--{name} below {least}, or no number' for name, least in low.items()
-                 if not least <= getattr(options, name) < math.inf]:
-        parser.error(', '.join(wrong))
-    if not 0.0 < options.reach <= options.size:
-        parser.error('--reach is more than 0 and up to --size')
+    if options.reach > options.size:
+        parser.error('--reach is up to --size')
     return options
 
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -25,6 +23,7 @@ from av_common.track import State
 from av_evaluation.experiments.methods import repeat
 from av_evaluation.experiments.offline_run import SILENT_DB, OfflineRun
 from av_evaluation.metrics.run_log import RunLog, Series
+from av_evaluation.runs.program import processes, run_program
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Bystander, Scenario, SourceSignal, Target, Weather
@@ -128,15 +127,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog='false_targets', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--runs', type=whole, default=10, help='of each place, without and with a drone (default: %(default)s)')
+    parser.add_argument('--runs', type=number, default=10,
+                        help='of each place, without and with a drone (default: %(default)s)')
     parser.add_argument('--seconds', type=number, default=60.0, help='duration of a run (default: %(default)s)')
     parser.add_argument('--seed', type=whole, default=1, help='of the first run (default: %(default)s)')
     parser.add_argument('--places', nargs='+', choices=PLACES, default=list(PLACES), help='(default: all)')
-    options = parser.parse_args(arguments)
+    return run_program(_compare, parser, arguments)
+
+
+def _compare(options: argparse.Namespace) -> int:
     print(f'{options.runs} runs of {options.seconds:g} s. none: false targets an hour / share of time with one; '
           'drone: share of time in which it is found')
     print(f'{"place":<10} {"":<8}' + ''.join(f'{f"from {threshold:g}":>14}' for threshold in THRESHOLDS))
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
+    with processes() as pool:
         for place in options.places:
             for audible in (False, True):
                 run = partial(followed, place, seconds=options.seconds, audible=audible)

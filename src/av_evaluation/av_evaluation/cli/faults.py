@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
-from av_common.arguments import not_negative, whole
+from av_common.arguments import whole, within
 from av_evaluation.faults import Faults, Told, cases, faultless, named, scenarios, title, try_fault
-from av_evaluation.runs.program import Progress
+from av_evaluation.runs.program import Progress, processes, run_program
 
 SECONDS = 40.0  # of each run
 Result = TypeVar('Result')
@@ -26,11 +24,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--quick', action='store_true', help='single faults, one run each: about a minute')
     parser.add_argument('--seeds', type=whole, default=5, help='runs of each fault (%(default)s); 0: faultless hours only')
     parser.add_argument('--array', choices=('pair', 'square'), default='pair', help='microphones (%(default)s)')
-    parser.add_argument('--hours', type=not_negative, default=0.5, help='of faultless runs, all scenarios by measurements '
-                        'that are drawn instead of rendered (%(default)g; ten take some minutes)')
-    options = parser.parse_args(arguments)
-    if options.hours > 1000.0:
-        parser.error(f"argument --hours: '{options.hours:g}', expected up to 1000 hours")
+    parser.add_argument('--hours', type=within(0.0, 1000.0), default=0.5, help='of faultless runs, all scenarios by '
+                        'measurements that are drawn instead of rendered (%(default)g; ten take some minutes)')
+    return run_program(_tell, parser, arguments)
+
+
+def _tell(options: argparse.Namespace) -> int:
     seeds = range(min(options.seeds, 1) if options.quick else options.seeds)
     faults = list(cases(options.array, options.quick)) if seeds else []
     told = _each(partial(try_fault, seconds=SECONDS, array=options.array), [(one, seed) for one in faults for seed in seeds])
@@ -44,7 +43,7 @@ def _each(call: Callable[..., Result], jobs: Sequence[tuple[Any, int]]) -> Itera
     """What a function gives for each of some jobs, in several processes."""
     progress = Progress()
     progress.show(0, len(jobs))
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
+    with processes() as pool:
         for number, result in enumerate(pool.map(call, *zip(*jobs, strict=True)), 1):
             progress.show(number, len(jobs))
             yield result

@@ -17,9 +17,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import repeat
 from pathlib import Path
@@ -34,6 +32,7 @@ from av_evaluation.experiments.turning_ears import TURNS, turned_until_resolved
 from av_evaluation.hearing.places import KEMAR, read_responses
 from av_evaluation.hearing.signals import drone_files
 from av_evaluation.metrics.metrics import OUTLIER_DEG
+from av_evaluation.runs.program import processes, run_program
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
@@ -123,15 +122,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
     parser.add_argument('--ears', action='store_true', help='at a head amid strong reflections')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'), help='recordings for --ears (%(default)s)')
-    options = parser.parse_args(arguments)
+    return run_program(_compare, parser, arguments)
+
+
+def _compare(options: argparse.Namespace) -> int:
     trial: Callable[..., Resolution]
     starts: Sequence[Scenario] | range
     if options.ears:
-        try:
-            drone_files(options.data)
-            read_responses(options.data / KEMAR)
-        except (ValueError, OSError, ImportError) as error:
-            parser.error(f'--data: {error}')
+        drone_files(options.data)
+        read_responses(options.data / KEMAR)
         methods, starts = list(TURNS), range(options.seed, options.seed + options.starts)
         trial = partial(turned_until_resolved, data=options.data, longest_s=EARS_S)
         place = 'at a head amid reflections, 10-20 dB'
@@ -142,7 +141,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f'{len(starts)} starts {place} (seed {options.seed}); time to {"see and " * options.seen}resolve (s)')
     print(f'{"":<11}{"wrong":>8}{"unresolved":>12}{"median":>8}{"95 %":>7}{"longest":>9}')
     figures = {}
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
+    with processes() as pool:
         for method in methods:
             figures[method] = f = summarise(list(pool.map(trial, starts, repeat(method), chunksize=4)))
             print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["unresolved"]:>10.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 import signal
 import warnings
 from collections.abc import Callable, Sequence
@@ -33,6 +32,7 @@ from av_common.rig import CAMERAS, CameraMount
 from av_common.stamps import to_seconds, to_stamp
 from av_evaluation.attack.hostile import HostileValues
 from av_evaluation.attack.judges import ROUNDING, CommandLimits
+from av_evaluation.runs.program import processes
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, PointingCommand
 from av_pointing.stage import make_pointing_stage
@@ -217,7 +217,9 @@ def check(output: FusionOutput) -> str:
 
 def faults(seeds: Sequence[int]) -> dict[int, str]:
     """The first fault of each sequence that has one, by the seed that repeats it."""
-    return {seed: fault for seed in seeds if (fault := Mixture(seed).run())}
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)    # of absurd numbers
+        return {seed: fault for seed in seeds if (fault := Mixture(seed).run())}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -230,9 +232,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     jobs = [range(first, min(first + CHUNK, end)) for first in range(options.seed, end, CHUNK)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     found, done = 0, 0
-    silence = (warnings.simplefilter, ('ignore', RuntimeWarning))    # of absurd numbers
-    with suppress(KeyboardInterrupt), multiprocessing.get_context('spawn').Pool(None, *silence) as pool:
-        for seeds, faulty in zip(jobs, pool.imap(faults, jobs), strict=True):
+    with suppress(KeyboardInterrupt), processes() as pool:
+        for seeds, faulty in zip(jobs, pool.map(faults, jobs), strict=True):
             found, done = found + len(faulty), done + len(seeds)
             for seed, fault in faulty.items():
                 print(f'--seed {seed} --sequences 1: {fault}', flush=True)

@@ -14,6 +14,7 @@ from av_evaluation.hearing.ego_noise import ego_noise
 from av_evaluation.hearing.places import read_responses
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 from av_evaluation.hearing.trials import Figure
+from av_evaluation.runs.program import run_program
 
 
 def sections(count: int, data: Path, responses: Sequence[Path] = ()
@@ -50,15 +51,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--responses', type=Path, nargs='+', default=[], metavar='SOFA',
                         help='heads: measured responses of another head instead of KEMAR; with a second file, such as the same '
                              'head in a room, the first calibrates and the second tests')
-    options = parser.parse_args(arguments)
+    return run_program(_show, parser, arguments)
+
+
+def _show(options: argparse.Namespace) -> int:
     for file in options.responses:
-        try:
-            read_responses(file)
-        except (FileNotFoundError, ImportError, ValueError) as error:
-            parser.error(f'--responses: {error}')
+        read_responses(file)    # one that cannot be used is named at once
     known = sections(options.trials, options.data, options.responses)
     if unknown := set(options.sections) - set(known):
-        parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(known)}')
+        raise ValueError(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(known)}')
     held = [_print(name, known[name]()) for name in options.sections or known]
     return 0 if all(held) else 1
 

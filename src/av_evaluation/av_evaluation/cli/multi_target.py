@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import time as wall
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from av_common.arguments import number, whole
-from av_common.yaml_reader import ConfigError
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
 from av_evaluation.metrics.tracks import TrackComparison
+from av_evaluation.runs.program import processes, run_program
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
 from av_fusion.tracks.filter import MultiBernoulliFilter
@@ -69,15 +67,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
     parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
-    options = parser.parse_args(arguments)
+    return run_program(_compare, parser, arguments)
+
+
+def _compare(options: argparse.Namespace) -> int:
     for scenario in options.scenarios:
-        try:
-            load_scenario(find_config(scenario, 'scenarios'))
-        except (ConfigError, OSError) as refusal:
-            parser.error(str(refusal))
+        load_scenario(find_config(scenario, 'scenarios'))    # one that cannot be used is named before the others are computed
     print(f'{"":<18}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}'
           f'{"of a core":>11}')
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn')) as pool:
+    with processes() as pool:
         for scenario in options.scenarios:
             runs = pool.map(partial(run, scenario, options.pair, options.alike),
                             range(options.seed, options.seed + options.seeds))

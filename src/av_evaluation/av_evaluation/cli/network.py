@@ -12,6 +12,7 @@ import numpy as np
 from av_common.arguments import number, whole
 from av_evaluation.network import cases
 from av_evaluation.network.figures import OwnTracker, follow, mean_bound, nees_bounds, run
+from av_evaluation.runs.program import run_program
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
 GHOST_S, RATIO, CLOCK_S, HEADING = 2.0, 1.3, 0.005, math.radians(0.5)
@@ -24,10 +25,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
     parser.add_argument('--seeds', type=number, default=5, help='runs of each case (%(default)s)')
     parser.add_argument('--seed', type=whole, default=1, help='of the first run (%(default)s)')
-    options = parser.parse_args(arguments)
+    return run_program(_compare, parser, arguments)
+
+
+def _compare(options: argparse.Namespace) -> int:
     options.runs = range(options.seed, options.seed + options.seeds)
     if unknown := set(options.cases) - set(CASES):
-        parser.error(f'case {", ".join(sorted(unknown))}, expected some of {", ".join(CASES)}')
+        raise ValueError(f'case {", ".join(sorted(unknown))}, expected some of {", ".join(CASES)}')
     reached = [CASES[name](options) for name in options.cases]
     return 0 if all(reached) else 1
 

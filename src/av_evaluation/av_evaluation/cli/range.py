@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from av_common.arguments import within
 from av_evaluation.hearing.reach import ARRAYS, PLACES, Scene
+from av_evaluation.runs.program import run_program
 from av_simulator.config_files import find_config
 from av_simulator.sound.source import load_profile
 
@@ -20,15 +22,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog='range', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--drones', nargs='+', default=DRONES, metavar='NAME', help='of config/drones (default: %(default)s)')
-    parser.add_argument('--places', type=int, nargs='+', default=range(len(PLACES)), metavar='N',
+    parser.add_argument('--places', type=within(0, len(PLACES) - 1, whole=True), nargs='+', metavar='N',
+                        default=range(len(PLACES)),
                         help=', '.join(f'{number}: {place.name}' for number, place in enumerate(PLACES)) + ' (default: all)')
-    options = parser.parse_args(arguments)
-    if not all(0 <= number < len(PLACES) for number in options.places):
-        parser.error(f'places are 0 to {len(PLACES) - 1}')
-    try:
-        signals = {name: load_profile(find_config(name, 'drones')).signal for name in options.drones}
-    except (ValueError, OSError) as refusal:
-        parser.error(str(refusal))
+    return run_program(_table, parser, arguments)
+
+
+def _table(options: argparse.Namespace) -> int:
+    signals = {name: load_profile(find_config(name, 'drones')).signal for name in options.drones}
     print(f'{"drone":<18} {"place":<18} {"dB(A)":>5} {"m/s":>4} {"array":<16} {"angle m":>8} {"drone m":>8} {"bound m":>8}')
     for name, signal in signals.items():
         for place in (PLACES[number] for number in options.places):

@@ -16,18 +16,13 @@ from av_bags.topics import KINDS, parse_remappings
 from av_bags.writer import BagWriter
 from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
 from av_evaluation.runs.evaluation import describe
-from av_evaluation.runs.program import Progress
+from av_evaluation.runs.program import Progress, run_program
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, 1 when the bag cannot be replayed, 3 when messages of it could not be used."""
-    options = make_parser().parse_args(arguments)
     gc.set_threshold(100_000)  # few objects here are cyclic: searching for them costs an eighth of the time
-    try:
-        return replay(options)
-    except (ValueError, OSError) as error:
-        print(f'replay: {error}', file=sys.stderr)
-        return 1
+    return run_program(replay, make_parser(), arguments, refused=1)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -1,6 +1,6 @@
-"""Common parts of the programs that compute many runs: options, exit codes, progress and messages of errors.
+"""Common parts of all programs: exit codes, messages of errors, progress, and parallel processes.
 
-Cases are computed in parallel processes; kept results are read from disk.
+Cases are computed in parallel; kept results are read from disk.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 
 from av_common.arguments import whole
@@ -62,28 +63,42 @@ def add_run_options(parser: argparse.ArgumentParser, written: str) -> None:
     add('--out', type=Path, required=True, help=f'folder for {written} and the result of each run')
     add('--workers', type=whole, default=0, help='parallel processes; 0: one for each core')
     add('--quiet', action='store_true', help='print no progress')
+    parser.set_defaults(kept='; the same command continues where it stopped')
 
 
-def run_program(work: Callable[[argparse.Namespace], int], parser: argparse.ArgumentParser, arguments: Sequence[str] | None
-                ) -> int:
-    """Run a program; returns the exit code of its work, 2 after an error, which is printed, and 130 after Ctrl-C.
+def run_program(work: Callable[[argparse.Namespace], int], parser: argparse.ArgumentParser, arguments: Sequence[str] | None,
+                refused: int = 2) -> int:
+    """Run a program; returns the exit code of its work, or 130 after Ctrl-C. An error is printed in one line.
 
     Parameters:
         work: takes the options, with the typed command as `command`.
         parser: of the program.
         arguments: of the command line; those of this process where None.
+        refused: exit code after an error.
     """
     options = parser.parse_args(arguments)
     words = sys.argv[1:] if arguments is None else arguments
     options.command = ' '.join(['ros2 run av_evaluation', parser.prog, *words])
     try:
         return work(options)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 2
+        return refused
     except KeyboardInterrupt:
-        print(f'\n{parser.prog}: interrupted; the same command continues where it stopped ({options.out})', file=sys.stderr)
+        print(f'\n{parser.prog}: interrupted{getattr(options, "kept", "")}', file=sys.stderr)
         return 130
+
+
+@contextmanager
+def processes(workers: int = 0) -> Iterator[ProcessPoolExecutor]:
+    """Processes of one core each, as many as cores where `workers` is 0. A keyboard interrupt is reported by this one only."""
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+    pool = ProcessPoolExecutor(workers or os.cpu_count() or 1, multiprocessing.get_context('spawn'), signal.signal,
+                               (signal.SIGINT, signal.SIG_DFL))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
@@ -100,11 +115,7 @@ def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
     results = {key: kept for key, case in by_key.items() if (kept := RunResult.load(folder, case.name, key)) is not None}
     left = [key for key in by_key if key not in results]
     progress.show(len(results), len(by_key))
-    os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
-    # A keyboard interrupt is reported by this process only.
-    workers = max(min(options.workers or os.cpu_count() or 1, len(left)), 1)
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'), signal.signal, (signal.SIGINT, signal.SIG_DFL))
-    try:
+    with processes(options.workers) as pool:
         running = {pool.submit(run_case, by_key[key]): key for key in left}
         for future in as_completed(running):
             key, name = running[future], by_key[running[future]].name
@@ -117,8 +128,6 @@ def compute(groups: Mapping[str, Sequence[Case]], options: argparse.Namespace
             else:
                 results[key].save(folder)
             progress.show(len(results) + len(failures), len(by_key), name)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
     for failure in failures:
         print(failure, file=sys.stderr)
     return {name: [results[case.key] for case in group if case.key in results] for name, group in groups.items()}, failures
