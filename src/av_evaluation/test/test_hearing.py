@@ -139,8 +139,7 @@ def test_another_head_is_calibrated_and_tested(tmp_path, capsys):
 def test_what_is_no_sofa_file_is_refused_by_name(tmp_path, capsys, content):
     if content is not None:
         (tmp_path / 'head.sofa').write_bytes(content)
-    with pytest.raises(SystemExit):
-        hearing.main(['heads', '--responses', str(tmp_path / 'head.sofa')])
+    assert hearing.main(['heads', '--responses', str(tmp_path / 'head.sofa')]) == 2
     assert 'head.sofa' in capsys.readouterr().err
 
 

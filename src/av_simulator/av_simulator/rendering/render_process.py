@@ -155,7 +155,7 @@ class RenderProcess:
 
     def close(self) -> list[CameraFrame]:
         """End the process and return the outstanding frames; one that is hung is killed at once."""
-        frames = []
+        frames: list[CameraFrame] = []
         try:
             while self._answers and self._waiting:
                 done = self.ready(timeout=LAST)
