@@ -15,6 +15,7 @@ from formula_rig import (
     SIGHT_TAKES,
     START,
     STEP,
+    WINDOW,
     Source,
     azimuth_of,
     never,
@@ -166,6 +167,33 @@ def test_odometry_that_begins_late_costs_nothing(contract, array, heading):
                      attitude=lambda t: Rotation.from_euler('z', heading, degrees=True)).run(12.0)
     contract(at_most('error while it begins', rms(rig.errors(5.0)), 2.0, 'deg'),
              within('names', len({moment.targets.selected for moment in rig.between(5.0)}), 1.0, 1.0))
+
+
+@pytest.mark.parametrize('heard', [True, False])
+def test_odometry_that_is_back_after_a_turn_costs_nothing(contract, heard):
+    """3 s without poses turn by 60 deg: what was heard meanwhile was on the body, what was not is where it was in the world.
+
+    For a window it goes on by the 20 deg/s that it seemed to have.
+    """
+    def pauses(t):
+        return not 4.0 < t < 7.0
+    rig = FormulaRig([Source.at(-20.0, 8.0, 3.0)], array='eight', sight=never, odometry=pauses,
+                     sound=(lambda t: True) if heard else pauses,
+                     attitude=lambda t: Rotation.from_euler('z', 20.0 * t, degrees=True)).run(10.0)
+    contract(at_most('error when it is back, largest', float(np.abs(rig.errors(7.1)).max()), 20.0 * WINDOW + 3.0 * SOUND_DEG,
+                     'deg'),
+             at_most('names', len({moment.targets.selected for moment in rig.following(SETTLED)}), 1),
+             at_least('followed', rig.followed(7.1), 1.0))
+
+
+def test_odometry_that_is_late_is_in_the_sigma(contract):
+    """Poses arrive after 0.6 s, of a rig that turns to and fro by 72 deg/s: bearings on the body are off by that."""
+    rigs = [FormulaRig([Source.at(130.0, 10.0)], array='eight', sight=never, seed=seed,
+                       network=lambda kind, captured, arrival: (arrival + 0.6 * (kind == 'odometry'),),
+                       attitude=lambda t: Rotation.from_euler('z', 60.0 * math.sin(1.2 * t), degrees=True)).run(10.0)
+            for seed in range(3)]
+    normalised = np.concatenate([rig.normalised(4.0) for rig in rigs])
+    contract(at_least('within 1.96 sigma', float(np.mean(normalised < 1.96**2)), 0.8))
 
 
 def test_a_heading_that_jumps_costs_a_second(contract):

@@ -59,7 +59,7 @@ class GatedTracker(PlainTracker):
 
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`."""
-        jump = self.motion.add(pose)
+        jump = self.motion.add(pose, max(self._newest.values()))
         if jump is not None:  # earlier directions in the world are not valid; those in the body were measured
             turn = math.atan2(jump[1][0], jump[0][0])
             self._bearings = {source: (float(wrap(azimuth + turn)), variance)

@@ -106,7 +106,7 @@ class MultiTargetTracker:
 
     def add_pose(self, pose: Pose) -> None:
         """See `PlainTracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
-        jump = self.motion.add(pose)
+        jump = self.motion.add(pose, self.filter.newest)
         if jump is not None:
             self.filter.turn_world(jump)
             self._calibration.turn_world(jump)
@@ -302,7 +302,8 @@ def _placed(track: Track, component: GaussianComponent, found: BodyDirection, mo
     inverse, variance = component.inverse_range, float(component.covariance[4, 4])
     known = inverse > KNOWN_RANGE * math.sqrt(variance)
     return track._replace(
-        azimuth=found.azimuth, elevation=found.elevation, azimuth_variance=found.azimuth_variance,
+        azimuth=found.azimuth, elevation=found.elevation,
+        azimuth_variance=found.azimuth_variance + motion.turn_variance(track.time),
         elevation_variance=found.elevation_variance if component.elevation_measured else math.inf,
         azimuth_world=component.azimuth, azimuth_world_rate=across_rate / max(math.cos(component.elevation), LEAST_LEVEL),
         elevation_world=component.elevation, elevation_world_rate=up_rate, covariance_world=(hh, hv, hv, vv),

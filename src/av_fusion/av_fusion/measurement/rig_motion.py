@@ -8,7 +8,7 @@ from typing import NamedTuple
 from av_common.frames import yaw_of
 from av_common.quaternions import Quaternion, Rows, Vector, between, inverse, product, quaternion_of, rotation, vector_of
 from av_common.timeline import Timeline
-from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, heading, turned
+from av_fusion.measurement.vectors import IDENTITY, ZERO, combined, dot, heading, turn_between, turned
 
 KEPT_S = 5.0  # length of the history, in which a jump is reported
 EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates, but for poses that come more rarely
@@ -60,7 +60,7 @@ class RigMotion:
     positions.
 
     Where the attitude jumps although the rates do not show it, the estimator has corrected itself: the history is turned into
-    the corrected world, and `add` returns that rotation; likewise with the first pose.
+    the corrected world, and `add` returns that rotation; likewise with the first pose, and one after a long gap.
 
     Attributes:
         jumps: number of jumps.
@@ -82,18 +82,22 @@ class RigMotion:
         self.is_frozen = False
         self._jumped, self._jump = -math.inf, ''
 
-    def add(self, pose: Pose) -> Rows | None:
+    def add(self, pose: Pose, measured: float = math.inf) -> Rows | None:
         """Add a pose.
 
         Returns the rotation of the world where the attitude jumped or became known, else None.
+
+        Parameters:
+            pose: the pose.
+            measured (s): newest capture time of what was turned into the world.
         """
         if pose.time <= self.newest:
             if pose.time > self.newest - KEPT_S:
                 return None
             self._poses.clear()
         rows = rotation(pose.attitude)
-        rate, velocity, path = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO
-        jump = rows if self.newest == -math.inf else None  # until the first pose the rig counted as level, facing east
+        rate, velocity, path, jump = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO, None
+        counted = self.attitude(pose.time) if min(measured, pose.time) - self.newest > KNOWN_S else None  # without poses
         if self._poses.entries:
             dt = self._interval = pose.time - self.newest
             velocity, mean = self._velocities(pose, velocity, dt)
@@ -101,7 +105,7 @@ class RigMotion:
             path = combined(1.0, self._poses.entries[-1][1].path, dt if dt <= KNOWN_S else 0.0, mean)
         self._poses.add(pose.time, _Stored(pose.attitude, rate, velocity, path))
         self.newest, self._last = pose.time, pose
-        return jump
+        return jump if counted is None else turn_between(counted, rows)
 
     def _velocities(self, pose: Pose, velocity: Vector, dt: float) -> tuple[Vector, Vector]:
         """Velocity in the world, now and on average since the last pose: as reported, or from positions where none is.
@@ -187,9 +191,25 @@ class RigMotion:
         ahead = time - self.newest
         if ahead < 0.0:
             return rotation(between(first.attitude, second.attitude, share))
-        turn = combined(min(ahead, max(EXTRAPOLATE_S, min(self._interval, KNOWN_S))), second.rate, 0.0, ZERO)
+        turn = combined(min(ahead, self._extrapolated), second.rate, 0.0, ZERO)
         attitude = product(quaternion_of(turn), second.attitude)
         return heading(yaw_of(attitude)) if ahead > KNOWN_S else rotation(attitude)
+
+    @property
+    def _extrapolated(self) -> float:
+        """How long (s) after the newest pose the rig counts as turning on by its rates."""
+        return max(EXTRAPOLATE_S, min(self._interval, KNOWN_S))
+
+    def turn_variance(self, time: float) -> float:
+        """Mean square (rad^2) of what the rig has turned by `time` (s) since its attitude is no longer extrapolated.
+
+        It turns on or has stopped, as far as the newest pose tells; after KNOWN_S the attitude is not known.
+        """
+        beyond = min(time - self.newest, KNOWN_S) - self._extrapolated
+        if not self._poses.entries or beyond <= 0.0:
+            return 0.0
+        _, newest = self._poses.entries[-1]
+        return beyond * beyond * dot(newest.rate, newest.rate)
 
     def yaw(self, time: float) -> float:
         """Heading (rad) at `time` (s): azimuth of the body's x axis in the world."""
