@@ -104,6 +104,17 @@ def test_a_pair_that_turns_is_not_misled_by_what_flies_above_the_view_of_its_cam
              at_most('resolved beyond 20 deg', float(np.mean(far)), 0.2))
 
 
+def test_what_comes_to_the_plane_of_three_microphones_and_turns_back_keeps_its_side(contract):
+    """An upright triangle mirrors left and right; the rig swings by 40 deg, and the target is in its plane at one end."""
+    rigs = [FormulaRig([Source.at(140.0, 20.0)], array='upright', sight=never, seed=seed,
+                       attitude=lambda t: Rotation.from_euler('z', 40.0 * math.sin(t), degrees=True)).run(10.0)
+            for seed in range(4)]
+    off = [abs(wrapped(math.degrees(m.bearing.azimuth) - azimuth_of(rig.body(m.t)))) > 30.0 for rig in rigs
+           for m in rig.following(3.0) if m.bearing.resolved]
+    contract(at_most('resolved beyond 30 deg', float(np.mean(off)), 0.05),
+             at_least('resolved', len(off) / sum(len(rig.following(3.0)) for rig in rigs), 0.5))
+
+
 def test_a_detection_tells_the_side(contract):
     """Heard for 2 s without images, then the camera shows it: in front, within three images."""
     times = []

@@ -1,9 +1,9 @@
 """A rig among sources of sound, as messages by formulas: nothing of the suite but messages and the makers of stages.
 
 Truth and measurements are plain geometry: x is forward, y left, z up; a rotation turns vectors of the body into the world.
-A pair of microphones on the body's y axis measures the cosine to that axis, a square in the xy plane the projection of the
-direction on it, eight in space the direction. Windows last 0.5 s and begin every 0.1 s, so that errors of neighbours are
-correlated. A pinhole camera measures pixels.
+A pair of microphones on the body's y axis measures the cosine to that axis, a square in the xy plane and an upright triangle in
+the xz plane the projection of the direction on it, eight in space the direction. Windows last 0.5 s and begin every 0.1 s, so
+that errors of neighbours are correlated. A pinhole camera measures pixels.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ MOUNT_SIGMA = 0.003                             # rad, of the camera's orientati
 PIXEL_SIGMA = math.sqrt((1.0 + (0.08 * BOX) ** 2) / SCORE)  # of such a box; 12 % more than `av_vision.bearing` states
 RESOLUTION = math.radians(10.0)                 # sources closer than this are heard as the louder one
 OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])   # from x forward to z forward
+MEASURED = {'pair': [1], 'square': [0, 1], 'upright': [0, 2], 'eight': [0, 1, 2]}   # axes of a direction, by the array
 
 Signal = Callable[[float], float]
 
@@ -130,7 +131,7 @@ class FormulaRig:
     Parameters:
         sources: the first is the one that figures refer to.
         attitude: rotation of the body in the world.
-        array: 'pair', 'square' or 'eight'.
+        array: 'pair', 'square', 'upright' or 'eight'.
         path: position (3; m) of the rig in the world.
         camera: rotation of the camera (x along its axis) on the body.
         others: those of further cameras, by their names.
@@ -293,7 +294,7 @@ class FormulaRig:
         message.header.stamp, message.header.frame_id = to_stamp(START + t), 'microphones'
         found: list[NDArray] = []
         for confidence, mean, error, one in heard:
-            measured = mean[1:2] if self.array == 'pair' else mean[:2] if self.array == 'square' else mean
+            measured = mean[MEASURED[self.array]]
             if all(np.linalg.norm(measured - other) > math.sin(RESOLUTION) for other in found):
                 message.hypotheses += self._images(len(found), confidence, mean + error, one, t)
                 found.append(measured)
@@ -314,6 +315,10 @@ class FormulaRig:
             values |= {'cosine': cosine, 'cosine_variance': variance, 'elevation_variance': math.inf,
                        'azimuth_variance': variance / max(1.0 - cosine**2, 0.02), 'end_fire': abs(cosine) > 0.95}
             places = [(apart, 0.0), (math.copysign(math.pi, apart) - apart, 0.0)]
+        elif self.array == 'upright':
+            beside, up = math.sqrt(max(1.0 - v[0]**2 - v[2]**2, 0.0)), math.asin(min(max(v[2], -1.0), 1.0))
+            values |= {'azimuth_variance': variance / max(beside**2, 0.02), 'elevation_variance': variance / math.cos(up)**2}
+            places = [(math.atan2(side * beside, v[0]), up) for side in (1.0, -1.0)]
         else:
             up = math.acos(min(level, 1.0)) if self.array == 'square' else math.atan2(v[2], level)
             steep = max(math.sin(up) ** 2, 0.02) if self.array == 'square' else 1.0

@@ -134,6 +134,21 @@ def test_two_cameras_of_one_target_give_one_bearing_each_with_its_own_frame_and_
     assert stage.on_detections(warm, now, CAMERAS[1]) is None
 
 
+@pytest.mark.parametrize('is_seen', [False, True])
+def test_a_pair_one_above_the_other_says_nothing_of_the_azimuth(is_seen):
+    """Mounted with a roll of 90 deg: what it hears begins no target, and is no second one beside what is seen."""
+    upright = ROTATIONS | {'microphones': np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
+    stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'), fixed_rotations(upright))
+    stage.on_camera_info(camera_info())
+    for k in range(40):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 0.0), now)
+        output = stage.on_doa(doa(now - 0.3, 0.02), now)
+        if is_seen:
+            output = stage.on_detections(detections(now - 0.1, (319.5 - 457.0 * math.tan(0.5), 0.9, 'drone')), now)
+    assert [round(track.azimuth, 1) for track in output.targets.tracks] == [0.5] * is_seen
+
+
 def two_cameras(yaw=0.0):
     """A stage with a second camera, of the same lens, that is turned by `yaw` (rad)."""
     turned = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])

@@ -13,13 +13,12 @@ from av_common.frames import FLU_TO_OPTICAL, UNIT_TOLERANCE
 from av_common.stamps import to_seconds
 from av_fusion.measurement.measurements import (
     COSINE_TOLERANCE,
-    LEAST_LEVEL,
     Cone,
     Detection,
     DoaMeasurement,
     Hypothesis,
 )
-from av_fusion.measurement.vectors import Rows, Vector, angles, direction, rows_of, turned
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, angles, direction, rows_of, turned
 from av_interfaces.msg import Doa, DoaArray, DoaOdds
 from av_vision.bearing import bearings_of_boxes
 
@@ -77,7 +76,7 @@ def usable_odds(message: DoaOdds) -> tuple[float, ...]:
 
 def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:
     """The cone whose images are two hypotheses, with an axis in the body frame; None when there is no cone."""
-    if len(images) != 2 or math.hypot(axis[0], axis[1]) < LEAST_LEVEL or not math.isfinite(images[0].cosine):
+    if len(images) != 2 or axis == ZERO or not math.isfinite(images[0].cosine):
         return None
     cosine = images[0].cosine
     if abs(cosine) <= 1.0 + COSINE_TOLERANCE:  # otherwise an error of the sender, which is refused later

@@ -82,8 +82,8 @@ class MultiBernoulliFilter:
         look = effective_sample_fraction(time, self.newest_doa, LOOK_S)
         elapsed = max(time - self.newest_doa, 0.0)
         heard = [hear(time, one, self._settings, self._motion) for one in measurements]
-        axes = {one.end_fire for one in heard if one.end_fire is not None}
-        places = [track.predict(time, axes) for track in self.tracks]
+        mirrors = {one.mirror for one in heard if one.mirror is not None}
+        places = [track.predict(time, mirrors) for track in self.tracks]
         for track in self.tracks:
             track.blade_pass.predict(elapsed)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import Rows, Vector, angles, cross, dot, tangents, turned
+from av_fusion.measurement.vectors import Rows, Vector, angles, combined, cross, dot, tangents, turned
 from av_fusion.measurement.vectors import direction as direction_of
 from av_fusion.tracks.component import GaussianComponent
 from av_fusion.tracks.curve import Curve
@@ -155,6 +155,11 @@ class WorldCone(NamedTuple):
     variance: float
     likelihood: NDArray[np.float64] | None = None
 
+    @property
+    def is_level(self) -> bool:
+        """Whether the axis has a horizontal part: a vertical one says nothing of the azimuth."""
+        return math.hypot(self.axis[0], self.axis[1]) >= LEAST_LEVEL
+
     def compare(self, past: PastState) -> Match:
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
@@ -170,7 +175,7 @@ class WorldCone(NamedTuple):
         Parameters:
             settings: of targets.
         """
-        if math.hypot(self.axis[0], self.axis[1]) < LEAST_LEVEL:
+        if not self.is_level:
             return []
         return normalised([image for usual in settings.model.elevations for image in self._images(usual, settings)])
 
@@ -280,14 +285,15 @@ class Hearing(NamedTuple):
         confidence: probability that it stems from a source.
         peak: density of the measurement over a uniform one, at its mode.
         clutter: probability that it stems from no source.
-        end_fire: axis in the world at whose vertical plane components are to be split first; None for none.
+        mirror: normal in the world of the plane between its mirror images, at which components are to be split first; None for
+            none.
     """
 
     source: WorldCone | WorldDirections
     confidence: float
     peak: float
     clutter: float
-    end_fire: Vector | None = None
+    mirror: Vector | None = None
 
     @property
     def odds(self) -> float:
@@ -309,12 +315,15 @@ def hear(time: float, measurement: DoaMeasurement, settings: FilterSettings, mot
     peak = measurement.confidence / len(measurement.hypotheses) / math.sqrt(math.tau * variance) / UNIFORM_DENSITY
     attitude, cone, clutter = motion.attitude(time), measurement.cone, max(1.0 - measurement.confidence, LEAST_CLUTTER)
     if cone is None:
-        return Hearing(WorldDirections([WorldDirection.of(hypothesis, attitude, floor)
-                                        for hypothesis in measurement.hypotheses]), measurement.confidence, peak, clutter)
+        directions, mirror = [WorldDirection.of(one, attitude, floor) for one in measurement.hypotheses], None
+        if mirror_axis(measurement.hypotheses, None) is not None:
+            apart = combined(1.0, directions[0].vector, -1.0, directions[1].vector)
+            mirror = combined(1.0 / math.sqrt(dot(apart, apart)), apart, 0.0, apart)
+        return Hearing(WorldDirections(directions), measurement.confidence, peak, clutter, mirror)
     heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared,
                       np.array(measurement.odds) * (clutter / peak) if measurement.odds else None)
-    off_axis = min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
-    return Hearing(heard, measurement.confidence, peak, clutter, heard.axis if off_axis else None)
+    splits = heard.is_level and min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
+    return Hearing(heard, measurement.confidence, peak, clutter, tangents(*angles(heard.axis))[0] if splits else None)
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:

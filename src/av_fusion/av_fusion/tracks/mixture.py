@@ -60,11 +60,11 @@ class GaussianMixture:
             component.weight *= kept
         self.absent += (1.0 - kept) * (1.0 - self.absent)
 
-    def split_at(self, axes: Collection[Vector]) -> None:
-        """Split components that extend to both sides of the vertical planes of axes (unit vectors in the world)."""
-        for axis in axes:
+    def split_at(self, mirrors: Collection[Vector]) -> None:
+        """Split components that extend to both sides of planes, given by their unit normals in the world."""
+        for normal in mirrors:
             self.components = [part for component in self.components
-                               for part in ([component] if component.on_rig else split(component, axis))]
+                               for part in ([component] if component.on_rig else split(component, normal))]
 
     def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """Weigh the components among each other by where others say that a target is.
@@ -152,19 +152,19 @@ class GaussianMixture:
         return agreeing / total
 
 
-def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]:
-    """A component split in two if it extends to both sides of the vertical plane of an axis, else alone.
+def split(component: GaussianComponent, normal: Vector) -> list[GaussianComponent]:
+    """A component split in two if it extends to both sides of a plane between mirror images, else alone.
 
-    A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
+    A measurement of a target near that plane fits both sides, which one Gaussian cannot represent. The parts are truncated
     normal distributions, approximated by Gaussians.
 
     Parameters:
         component: the component.
-        axis: unit vector of the axis in the world.
+        normal: unit vector in the world, perpendicular to the plane.
     """
     past = component.at()
-    beside, row = past.beside(axis)
-    if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the axis
+    beside, row = past.above_plane(normal)
+    if abs(math.sin(beside)) > 1.3 * math.sqrt(past.variance(row)):  # less than a tenth beyond the plane
         return [component]
     parts = []
     for side in (1.0, -1.0):

@@ -114,11 +114,6 @@ class PastState(NamedTuple):
         """Where a direction is in the plane, along both axes (rad)."""
         return offset(self.direction, self.left, self.above, target)
 
-    def beside(self, axis: Vector) -> tuple[float, Row]:
-        """Signed distance (rad) from the vertical plane of an axis, positive to larger azimuth, and its derivatives."""
-        level = max(math.hypot(axis[0], axis[1]), 1e-9)
-        return self.above_plane((-axis[1] / level, axis[0] / level, 0.0))
-
     def above_plane(self, normal: Vector) -> tuple[float, Row]:
         """Signed distance (rad) from the plane with this unit normal, and its derivatives along both axes."""
         h, v = dot(normal, self.left), dot(normal, self.above)

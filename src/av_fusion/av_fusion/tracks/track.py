@@ -96,14 +96,14 @@ class Track:
         own, drone = self.mixture.on_rig, self.kind.drone
         return drone if own <= 0.5 else (1.0 - own) * (DRONE if math.isnan(drone) else drone)
 
-    def predict(self, time: float, axes: Collection[Vector] = ()) -> Lag:
+    def predict(self, time: float, mirrors: Collection[Vector] = ()) -> Lag:
         """Predict to `time` (s); nothing for an earlier time.
 
         Returns how much earlier it is than the density, NOW after a prediction.
 
         Parameters:
             time (s): capture time of a measurement.
-            axes: at which components are split, since a measurement near end-fire fits both sides.
+            mirrors: normals of planes at which components are split, since a measurement near them fits both sides.
         """
         dt, lag, attitude, turn = time - self.time, NOW, self._attitude, IDENTITY
         if self.mixture.on_rig:
@@ -115,7 +115,7 @@ class Track:
             self.mixture.predict(dt, not self.kind.is_fixed, math.exp(-self._settings.loss_rate * dt),
                                  self._motion.moved(self.time, time), turn)
             self.time, self._attitude = time, attitude
-        self.mixture.split_at(axes)
+        self.mixture.split_at(mirrors)
         return lag
 
     def later(self, time: float) -> dict[GaussianComponent, GaussianComponent]:
