@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import to_imu
-from av_simulator.motion.bodies import Gusts, Kinematics, Mast, Pursuit, Quadrotor, Vibration, length_scales, vertical_share
+from av_simulator.motion.bodies import Gusts, Kinematics, Mast, Pursuit, Quadrotor, Vibration, turbulence
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.run import open_world
 from av_simulator.scenario import RigMotion
@@ -143,17 +143,17 @@ def test_gusts_have_drydens_variance_and_time_scale(speed):
     air = np.array([gusts.step(dt, height, np.zeros(3)) for _ in range(60_000)])
     assert air.mean(axis=0) == pytest.approx([0.0, speed, 0.0], abs=0.12 * speed * 0.2)
     sigma = 0.2 * speed
-    assert air.std(axis=0) == pytest.approx([sigma, sigma, sigma * vertical_share(height)], rel=0.08)
+    assert air.std(axis=0) == pytest.approx([sigma, sigma, sigma * turbulence(height)[2]], rel=0.08)
     along = air[:, 1] - air[:, 1].mean()
-    lag = round(length_scales(height)[0] / speed / dt)
+    lag = round(turbulence(height)[0] / speed / dt)
     assert np.mean(along[lag:] * along[:-lag]) / np.mean(along**2) == pytest.approx(math.exp(-1.0), abs=0.08)
 
 
 def test_length_scales_are_those_of_the_specification():
     """MIL-F-8785C at 100 ft: L_u = 100 / (0.177 + 0.0823)^1.2 ft, L_w = 100 ft, sigma_u / sigma_w = 1 / 0.2593^0.4."""
-    horizontal, vertical = length_scales(30.48)
+    horizontal, vertical, share = turbulence(30.48)
     assert (horizontal / 0.3048, vertical / 0.3048) == pytest.approx((505.3, 100.0), rel=1e-3)
-    assert 1.0 / vertical_share(30.48) == pytest.approx(1.716, rel=1e-3)
+    assert 1.0 / share == pytest.approx(1.716, rel=1e-3)
 
 
 def test_vibration_shakes_without_moving():

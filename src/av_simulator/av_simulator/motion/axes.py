@@ -48,7 +48,8 @@ class YawAxis:
     """
 
     def __init__(self, response: YawResponse, angle: float, planned: float) -> None:
-        self._response, self._planned = response, self._limited(response, planned)
+        self._response = response
+        self._planned = self._limited(planned)
         self.angle, self.rate = angle, self._planned
         self._commands: deque[tuple[float, float]] = deque(maxlen=MOST_COMMANDS)    # time and rate
 
@@ -59,7 +60,7 @@ class YawAxis:
             rate (rad/s): counter-clockwise.
             time (s): simulated time of the command.
         """
-        self._commands.append((time, self._limited(self._response, rate)))
+        self._commands.append((time, self._limited(rate)))
 
     def step(self, dt: float, time: float) -> float:
         """The yaw (rad) at `time` (s), `dt` (s) after the step before."""
@@ -82,9 +83,8 @@ class YawAxis:
         self._planned = 0.0    # a command has taken over
         return rate if time - begin <= COMMAND_LIFETIME else 0.0
 
-    @staticmethod
-    def _limited(response: YawResponse, rate: float) -> float:
-        return min(max(rate, -response.max_rate), response.max_rate)
+    def _limited(self, rate: float) -> float:
+        return min(max(rate, -self._response.max_rate), self._response.max_rate)
 
 
 class SimulatedGimbal:

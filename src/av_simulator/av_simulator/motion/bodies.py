@@ -221,16 +221,11 @@ class Vibration:
         return 2.0 * math.pi * self.frequency * times[:, np.newaxis] + np.radians([0.0, 120.0, 240.0])
 
 
-def length_scales(height: float) -> tuple[float, float]:
-    """Length scales (m) of horizontal and of vertical turbulence at a height (m)."""
+def turbulence(height: float) -> tuple[float, float, float]:
+    """Length scales (m) of horizontal and of vertical turbulence at a height (m), and the latter's sigma over the former's."""
     feet = min(max(height, LEAST_HEIGHT), MOST_HEIGHT) / FEET
-    return feet / (0.177 + 0.000823 * feet) ** 1.2 * FEET, feet * FEET
-
-
-def vertical_share(height: float) -> float:
-    """Standard deviation of vertical turbulence relative to that of horizontal turbulence, at a height (m)."""
-    feet = min(max(height, LEAST_HEIGHT), MOST_HEIGHT) / FEET
-    return (0.177 + 0.000823 * feet) ** 0.4
+    shear = 0.177 + 0.000823 * feet
+    return feet / shear**1.2 * FEET, feet * FEET, shear**0.4
 
 
 class Gusts:
@@ -266,14 +261,14 @@ class Gusts:
         if self._sigma == 0.0:
             return self._mean
         airspeed = max(float(np.linalg.norm(velocity - self._mean)), LEAST_AIRSPEED)
-        horizontal, vertical = length_scales(height)
+        horizontal, vertical, share = turbulence(height)
         kept = np.exp(-dt * airspeed / np.array([horizontal, horizontal, vertical]))
         self._fast = kept * self._fast + np.sqrt(1.0 - kept**2) * self._random.standard_normal(3)
         self._slow += (1.0 - kept) * (self._fast - self._slow)
         across = (math.sqrt(3.0) * self._fast + (1.0 - math.sqrt(3.0)) * self._slow) / math.sqrt(2.0)
-        gust = self._sigma * np.array([self._fast[0], across[1], vertical_share(height) * across[2]])
+        gust = self._sigma * np.array([self._fast[0], across[1], share * across[2]])
         air = self._mean + self._axes @ gust
-        return air * min(1.0, MOST_WIND / max(float(np.linalg.norm(air)), 1e-9))
+        return within(air, MOST_WIND)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,6 @@ from av_simulator.trajectories import Position, acceleration
 _TABLE = 8192  # points of a waveform table, for one revolution of a rotor
 _STEPS = 128  # steps of the integration of the rotor speeds in a chunk
 _FASTEST = 1.6  # maximum speed relative to rotor_hz without aliasing of harmonics
-
-Speed = Callable[[NDArray], NDArray]  # times (s, (k,)) -> speeds relative to hovering, (k, rotors) or (k, 1)
 
 
 def rotor_speed(position: Position, times: NDArray) -> NDArray:
@@ -72,9 +69,9 @@ class RotorSignal:
         if not self.broadband_hz[0] < self.broadband_hz[1]:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two increasing positive frequencies')
 
-    def stream(self, sample_rate: int, key: Sequence[int], position: Position, speed: Speed | None = None) -> Stream:
-        """See SourceSignal; the rotors turn with `speed`, None for that of the source's manoeuvres."""
-        turns = _Turns(self, speed or partial(rotor_speed, position), sample_rate, key)
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See SourceSignal; the rotors turn as the source's manoeuvres need."""
+        turns = _Turns(self, position, sample_rate, key)
         waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
         low, high = self.broadband_hz
         shape = firwin(255, [low, min(high, 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
@@ -115,9 +112,9 @@ def _look_up(wave: NDArray, places: NDArray) -> NDArray:
 class _Turns:
     """Revolutions of each rotor: the integral of its speed from time 0, for positive and negative times in any order."""
 
-    def __init__(self, signal: RotorSignal, speed: Speed, sample_rate: int, key: Sequence[int]):
+    def __init__(self, signal: RotorSignal, position: Position, sample_rate: int, key: Sequence[int]):
         rotors = len(signal.rotor_hz)
-        self._signal, self._rate, self._relative = signal, sample_rate, speed
+        self._signal, self._rate, self._position = signal, sample_rate, position
         self._turbulence = Wander([*key, 0], signal.jitter_hz, rotors)
         self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
 
@@ -152,4 +149,4 @@ class _Turns:
     def _speed(self, times: NDArray) -> NDArray:
         """Speeds (Hz, (k, rotors)) of the rotors at times (s, (k,))."""
         wander = 1.0 + self._signal.jitter * self._turbulence(times)
-        return np.asarray(self._signal.rotor_hz) * wander * self._relative(times)
+        return np.asarray(self._signal.rotor_hz) * wander * rotor_speed(self._position, times)
