@@ -72,15 +72,12 @@ def _naming(*files: Path) -> Iterator[None]:
 
 def read_array(folder: Path) -> MicrophoneArray:
     """The microphones. Raises FileNotFoundError, or ValueError for positions of another shape."""
-    text, matlab = (min(folder.rglob(name), default=None) for name in ('micPos.txt', 'coordinates.mat'))
-    if text is not None:
-        with _naming(text):
-            positions = np.loadtxt(text, delimiter=',' if ',' in text.read_text() else None)
-    elif matlab is not None:
-        with _naming(matlab):
-            positions = np.asarray(loadmat(matlab)['micPos'], float)
-    else:
+    file = next((file for name in ('micPos.txt', 'coordinates.mat') for file in sorted(folder.rglob(name))), None)
+    if file is None:
         raise FileNotFoundError(f'{folder} has neither micPos.txt nor coordinates.mat, with the positions of the microphones')
+    with _naming(file):
+        positions = (np.asarray(loadmat(file)['micPos'], float) if file.suffix == '.mat' else
+                     np.loadtxt(file, delimiter=',' if ',' in file.read_text() else None))
     if positions.ndim != 2 or 3 not in positions.shape:
         raise ValueError(f'positions of microphones in {folder} have shape {positions.shape}, expected (m, 3)')
     return MicrophoneArray(positions if positions.shape[1] == 3 else positions.T, folder.name)

@@ -16,6 +16,7 @@ from scipy import signal
 
 from av_audio.file_source import read_sound
 from av_simulator.sound.source_signals import SourceSignal
+from av_simulator.sound.stream import band_power
 
 RATE = 48_000  # Hz
 BAND_HZ = (200.0, 4000.0)  # of noise and ratios: that of the localizer
@@ -122,14 +123,8 @@ def scaled(noise: NDArray, sound: NDArray, over_db: float) -> NDArray:
         noise (n, m), sound (n, m): samples.
         over_db (dB): level of the result over the sound.
     """
-    return noise * np.sqrt(band_power(sound[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (over_db / 10.0))
-
-
-def band_power(samples: NDArray) -> float:
-    """Power of samples (n,) inside BAND_HZ."""
-    frequencies = np.fft.rfftfreq(len(samples), 1.0 / RATE)
-    inside = (frequencies >= BAND_HZ[0]) & (frequencies <= BAND_HZ[1])
-    return float(np.mean(np.abs(np.fft.rfft(samples)[inside]) ** 2))
+    wanted, present = (band_power(part[:, 0], RATE, BAND_HZ) for part in (sound, noise))
+    return noise * np.sqrt(wanted / present * 10.0 ** (over_db / 10.0))
 
 
 def delayed(spectrum: NDArray, frequencies: NDArray, delays: NDArray, count: int, period: int | None = None) -> NDArray:

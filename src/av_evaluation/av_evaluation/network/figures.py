@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from av_evaluation.metrics.metrics import rmse
 from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
 from av_network import sphere
@@ -96,8 +97,7 @@ class NetworkRun:
 
     def rmse(self, after: float) -> float:
         """Root mean square of the distances (m) between drones and their tracks from a time (s) on."""
-        squared = [float(np.sum((one.mean[:3] - true) ** 2)) for _, true, one in self.matched(after)]
-        return math.sqrt(float(np.mean(squared))) if squared else math.nan
+        return rmse([np.linalg.norm(one.mean[:3] - true) for _, true, one in self.matched(after)])
 
     def nees(self, after: float) -> list[float]:
         """Normalised estimation errors squared of the positions, 3 being expected, from a time (s) on."""
@@ -175,13 +175,13 @@ def mean_bound(simulation: NetworkSimulation, arrivals: Sequence[Arrival], after
         after (s): beginning.
     """
     latest: dict[str, Report] = {}
-    squared = []
+    bounds = []
     for arrival in arrivals:
         if arrival.report.sightings:
             latest[arrival.report.rig] = arrival.report
         if arrival.time >= after and len(latest) == len(simulation.rigs):
-            squared.append(position_bound(simulation.truth(arrival.time)[0], latest.values()) ** 2)
-    return math.sqrt(float(np.mean(squared)))
+            bounds.append(position_bound(simulation.truth(arrival.time)[0], latest.values()))
+    return rmse(bounds)
 
 
 class Fit(NamedTuple):

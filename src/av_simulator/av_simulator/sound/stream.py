@@ -73,15 +73,14 @@ def filtered(source: Stream, response: NDArray) -> Stream:
     return Stream(make)
 
 
-def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float]) -> float:
-    """Mean power of the start of a stream within a band, averaged over channels, from the periodogram (Parseval).
+def band_power(samples: NDArray, sample_rate: float, band_hz: tuple[float, float]) -> float:
+    """Mean power within a band, averaged over channels, from the periodogram (Parseval).
 
     Parameters:
-        stream: the stream.
+        samples ((..., n)): the sound.
         sample_rate (Hz): sample rate.
         band_hz (Hz): lower and upper end of the band.
     """
-    samples = stream.read(0, int(LEVEL_S * sample_rate))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
     frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)
     inside = (frequencies >= band_hz[0]) & (frequencies < band_hz[1])

@@ -13,7 +13,7 @@ from av_simulator.sound.propagation import Propagation
 from av_simulator.sound.rays import Surroundings
 from av_simulator.sound.reverberation import Reverberation
 from av_simulator.sound.source import Source
-from av_simulator.sound.stream import Stream, band_power, db_to_ratio
+from av_simulator.sound.stream import LEVEL_S, Stream, band_power, db_to_ratio
 
 
 class SoundWorld:
@@ -53,7 +53,7 @@ class SoundWorld:
         self._reverberation: Reverberation | None = None
         self._noise_stream: Stream | None = None
         self._noise_gain = 1.0
-        self._next = 0
+        self._next, self._level_samples = 0, int(LEVEL_S * sample_rate)    # of a stream from which its level is taken
         snr = self._noise.snr
         self._wanted_noise = 0.0 if snr is None else self._power_of_reference(snr) / 10.0 ** (snr.ratio_db / 10.0)    # Pa^2
 
@@ -94,14 +94,15 @@ class SoundWorld:
         snr = self._noise.snr
         if snr is not None:
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
-            self._noise_gain = float(np.sqrt(self._wanted_noise / band_power(steady, self._rate, snr.band_hz)))
+            power = band_power(steady.read(0, self._level_samples), self._rate, snr.band_hz)
+            self._noise_gain = float(np.sqrt(self._wanted_noise / power))
         return noise
 
     def _power_of_reference(self, snr: Snr) -> float:
         """In-band power (Pa^2) at one microphone of the source to which the signal-to-noise ratio refers."""
         if not self._sources:
             raise ValueError('snr is given without a source')
-        power = band_power(self._signals[0], self._rate, snr.band_hz)
+        power = band_power(self._signals[0].read(0, self._level_samples), self._rate, snr.band_hz)
         if power == 0.0:
             raise ValueError(f'snr source is 0, which is silent from {snr.band_hz[0]:g} to {snr.band_hz[1]:g} Hz in its first '
                              'seconds; omit snr and set the levels of the noise in dB SPL')
