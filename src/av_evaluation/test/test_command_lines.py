@@ -34,7 +34,7 @@ from av_evaluation.cli import soak
     ('false_targets --runs 0', "--runs: '0', expected an integer above 0"),
     ('network nothing', 'network: case nothing, expected some of bound'),
     ('fuzz --sequences 0', "--sequences: '0', expected an integer above 0"),
-    ('attack --port-offset 70000', "--port-offset: '70000', expected an integer from")])
+    ('attack --port-offset 70000', "--port-offset: '70000', expected an integer of -9998 to 34535")])
 def test_a_wrong_argument_is_named_with_its_value(typed, complaint, tmp_path, capsys):
     program, *arguments = typed.format(tmp_path).split()
     try:

@@ -54,7 +54,7 @@ def test_the_report_shows_the_four_experiments_and_both_tables(tmp_path):
     runs = {name: [made_up(case, 2.0) for case in cases] for name, cases in groups.items()}
     page = tmp_path / 'report.html'
     metrics = metrics_by_experiment(runs)
-    make_page(runs, metrics, 'make report QUICK=1', True).write(page)
+    make_page(runs, metrics, 'make report QUICK=1').write(page)
     text = page.read_text()
     for part in ('Table 1', 'Table 3', 'Figure 9', 'Figure 11', 'Figure 13', 'Figure 14', '4.11°', '5.89°',
                  'make report QUICK=1'):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,8 +45,7 @@ def _estimate(options: argparse.Namespace) -> int:
     return 0
 
 
-@dataclass(frozen=True)
-class Offset:
+class Offset(NamedTuple):
     """An estimated offset.
 
     Parameters:

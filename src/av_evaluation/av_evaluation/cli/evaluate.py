@@ -25,7 +25,26 @@ from av_vision.stage import make_detector
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code, 1 where a run failed, 2 if all did."""
-    return run_program(evaluate, make_parser(), arguments)
+    parser = argparse.ArgumentParser(prog='evaluate', description=__doc__)
+    add = parser.add_argument
+    add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
+    add('--seeds', type=number, default=3, help='runs of each scenario (%(default)s)')
+    add('--methods', nargs='+', metavar='METHOD', default=list(METHODS),
+        help=f'to evaluate (default: those of the publication and ours): {", ".join(known_methods())}')
+    add('--duration', type=not_negative, default=0.0, help='of each run in s; 0: that of the scenario or bag')
+    add('--model', default='', help="a detector's ONNX file, 'shipped', or a detector of another package; without it scenarios "
+        'have the shipped one, and bags their recorded detections')
+    add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
+    add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
+    add('--max-sources', type=int, choices=range(1, 5), default=Case.max_sources, metavar='N',
+        help='scenarios: directions in one window of sound, 1 to 4 (%(default)s, as doa_node)')
+    add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
+    add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
+    add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')
+    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: names of topics in the bag')
+    add('--namespace', default='', help='bags: the namespace of the recorded rig')
+    add_run_options(parser, 'metrics.json, runs.json, report.html')
+    return run_program(evaluate, parser, arguments)
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -108,27 +127,3 @@ def write_report(runs: Sequence[RunResult], failures: Sequence[str], out: Path, 
     for failure in failures:
         page.paragraph(failure)
     page.write(out / 'report.html')
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The options."""
-    parser = argparse.ArgumentParser(prog='evaluate', description=__doc__)
-    add = parser.add_argument
-    add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
-    add('--seeds', type=number, default=3, help='runs of each scenario (%(default)s)')
-    add('--methods', nargs='+', metavar='METHOD', default=list(METHODS),
-        help=f'to evaluate (default: those of the publication and ours): {", ".join(known_methods())}')
-    add('--duration', type=not_negative, default=0.0, help='of each run in s; 0: that of the scenario or bag')
-    add('--model', default='', help="a detector's ONNX file, 'shipped', or a detector of another package; without it scenarios "
-        'have the shipped one, and bags their recorded detections')
-    add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
-    add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
-    add('--max-sources', type=int, choices=range(1, 5), default=Case.max_sources, metavar='N',
-        help='scenarios: directions in one window of sound, 1 to 4 (%(default)s, as doa_node)')
-    add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
-    add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
-    add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')
-    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: names of topics in the bag')
-    add('--namespace', default='', help='bags: the namespace of the recorded rig')
-    add_run_options(parser, 'metrics.json, runs.json, report.html')
-    return parser

@@ -22,11 +22,6 @@ from av_evaluation.runs.program import Progress, run_program
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, 1 when the bag cannot be replayed, 3 when messages of it could not be used."""
     gc.set_threshold(100_000)  # few objects here are cyclic: searching for them costs an eighth of the time
-    return run_program(replay, make_parser(), arguments, refused=1)
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The options."""
     parser = argparse.ArgumentParser(prog='replay', description=__doc__, epilog=f'names to remap: {", ".join(KINDS)}')
     add = parser.add_argument
     add('bag', help='mcap or sqlite3 (.db3), a file or a folder')
@@ -50,7 +45,7 @@ def make_parser() -> argparse.ArgumentParser:
     add('--audio-format', default='S16LE', choices=FORMATS, help='... type of samples (%(default)s)')
     add('--commands', action='store_true', help='compute pointing commands, too; the recorded rig does not follow them')
     add('--quiet', action='store_true', help='print no progress')
-    return parser
+    return run_program(replay, parser, arguments, refused=1)
 
 
 def settings_of(options: argparse.Namespace) -> ReplaySettings:

@@ -81,18 +81,16 @@ def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | N
     return {**pooled, **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
-def make_page(runs: Runs, metrics: Mapping[str, Mapping], command: str, quick: bool, methods: Sequence[str] = METHODS) -> Page:
+def make_page(runs: Runs, metrics: Mapping[str, Mapping], command: str, methods: Sequence[str] = METHODS) -> Page:
     """The report.
 
     Parameters:
         runs: results by experiment.
         metrics: their figures, see `metrics_by_experiment`.
         command: by which the report is made.
-        quick: whether there is one run of each experiment only.
         methods: that were evaluated.
     """
-    page = Page('Audio-visual bearings of a drone: the experiments repeated',
-                f'Made by `{command}`' + (', the quick version: one run of each.' if quick else '.'))
+    page = Page('Audio-visual bearings of a drone: the experiments repeated', f'Made by `{command}`.')
     page.paragraph(
         'Each experiment is simulated several times with different noise. All methods are evaluated on identical measurements '
         'with an identical median filter. The rig follows its pointing controller. Sight is '
@@ -197,7 +195,17 @@ def write_readme(readme: Path, content: Mapping) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code, 1 where a run failed."""
-    return run_program(report, make_parser(), arguments)
+    parser = argparse.ArgumentParser(prog='report', description=__doc__)
+    add = parser.add_argument
+    add('--quick', action='store_true', help='one run of each experiment')
+    add('--seeds', type=whole, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
+    add('--methods', nargs='+', default=[], metavar='METHOD', help='methods of other packages, beside those of the publication')
+    add('--model', default='', help="a detector's ONNX file, or a detector of another package, in place of the shipped one; "
+        'with --quick, too, on rendered images')
+    add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
+    add('--readme', type=Path, help=f'README whose table is updated, with {MEASURED}')
+    add_run_options(parser, 'report.html, metrics.json')
+    return run_program(report, parser, arguments)
 
 
 def report(options: argparse.Namespace) -> int:
@@ -219,7 +227,7 @@ def report(options: argparse.Namespace) -> int:
     command, metrics = f'make report{given}', metrics_by_experiment(runs)
     content = {'command': command, 'version': measured_version(Path.cwd()), 'experiments': metrics}
     write_json(options.out / 'metrics.json', content)
-    make_page(runs, metrics, command, options.quick, methods).write(options.out / 'report.html')
+    make_page(runs, metrics, command, methods).write(options.out / 'report.html')
     print(format_rows(*rows_of(metrics['all'])))
     print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
     if options.readme and not failures:
@@ -227,18 +235,3 @@ def report(options: argparse.Namespace) -> int:
         write_readme(options.readme, content)
         print(f'{options.readme} and {MEASURED} updated')
     return 1 if failures else 0
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The options."""
-    parser = argparse.ArgumentParser(prog='report', description=__doc__)
-    add = parser.add_argument
-    add('--quick', action='store_true', help='one run of each experiment')
-    add('--seeds', type=whole, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
-    add('--methods', nargs='+', default=[], metavar='METHOD', help='methods of other packages, beside those of the publication')
-    add('--model', default='', help="a detector's ONNX file, or a detector of another package, in place of the shipped one; "
-        'with --quick, too, on rendered images')
-    add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
-    add('--readme', type=Path, help=f'README whose table is updated, with {MEASURED}')
-    add_run_options(parser, 'report.html, metrics.json')
-    return parser

@@ -16,6 +16,7 @@ from av_common.angles import angles_to_direction
 from av_common.freshness import Instant
 from av_common.rig import Rig
 from av_common.stamps import to_seconds
+from av_evaluation.experiments.measurement_simulation import NEAREST_M
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.tracks import TrackComparison
 from av_evaluation.runs.offline_rig import HEARING, OfflineRig
@@ -37,7 +38,6 @@ POSE_RATE = 100.0  # Hz, of odometry and of the gimbal's orientation, as the liv
 EGO_NOISE_S = 10.0  # length of the record of the rig alone, for rigs with rotors
 IMAGE_EVERY = 2  # steps from one image to the next: 15 Hz, as the live simulator sends them
 SILENT_DB = -120.0  # below what 16 bits hold
-NEAREST_M = 1e-3  # of a target: one at the rig's own place has no direction, and is followed by no track
 
 
 class OfflineRun:

@@ -6,7 +6,7 @@ import argparse
 import math
 from dataclasses import replace
 
-from av_common.arguments import checked, not_negative, whole
+from av_common.arguments import checked, not_negative, whole, within
 from av_sim_bridge.wire.ports import Ports
 from av_simulator.config_files import find_config
 from av_simulator.run import open_world
@@ -15,17 +15,13 @@ from av_simulator.sound.source_signals import RecordedSignal
 from av_simulator.trajectories import Static
 from av_simulator.world import World
 
+_PORTS = vars(Ports()).values()
+port_offset = within(1 - min(_PORTS), 65_535 - max(_PORTS), whole=True)    # with which every port is one
+
 
 def finite(text: str) -> float:
     """A finite number."""
     return checked(text, math.isfinite, 'a finite number')
-
-
-def port_offset(text: str) -> int:
-    """An integer with which every port stays between 1 and 65535."""
-    ports = vars(Ports()).values()
-    low, high = 1 - min(ports), 65_535 - max(ports)
-    return int(checked(text, lambda value: value.is_integer() and low <= value <= high, f'an integer from {low} to {high}'))
 
 
 def parser_of(program: str, description: str | None) -> argparse.ArgumentParser:
