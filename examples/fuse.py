@@ -12,7 +12,7 @@ import numpy as np
 from av_audio import Localizer
 from av_common import State
 from av_fusion import CameraMeasurement, Cone, Detection, DoaMeasurement, MultiTargetTracker, Pose
-from av_simulator.run import open_world, steps
+from av_simulator import open_world, steps
 from av_vision import Detector, DetectorSettings, bearings_of_boxes, shipped_model
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else 'results/examples')

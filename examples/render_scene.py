@@ -11,7 +11,7 @@ import numpy as np
 import soundfile
 
 from av_audio import Localizer
-from av_simulator.run import open_world, steps
+from av_simulator import open_world, steps
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else 'results/examples')
 scenario, seconds = sys.argv[2] if len(sys.argv) > 2 else 'circle', float(sys.argv[3]) if len(sys.argv) > 3 else 4.0

@@ -19,7 +19,7 @@ from av_pointing.gimbal_stage import GimbalStage
 from av_px4.odometry import pose_from_px4
 from av_sim_bridge.messages import vehicle_state
 from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal, encode_gimbal
-from av_simulator.config_files import find_config
+from av_simulator import find_config
 from av_vision.stage import DetectionStage
 
 START = 1000.0

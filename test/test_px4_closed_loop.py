@@ -21,9 +21,7 @@ from av_px4.guard import BodyGuard, Inputs
 from av_px4.handover import VehicleStatus
 from av_px4.odometry import pose_from_px4
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
-from av_simulator.trajectories import Circle
+from av_simulator import Circle, find_config, load_scenario
 
 DT = 1.0 / 30.0
 

@@ -20,9 +20,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation
 from av_interfaces.msg import Bearing, Doa, DoaArray
 from av_pointing.stage import make_pointing_stage
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
-from av_simulator.world import World
+from av_simulator import World, find_config, load_scenario
 from av_vision.bearing import BOX_FRACTION, PIXEL_SIGMA
 
 

@@ -13,10 +13,8 @@ from av_evaluation.experiments.measurement_simulation import blade_pass_of
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.settings import types_of
 from av_fusion.tracker import MultiTargetTracker, TrackerSettings
-from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario, Target, Weather
+from av_simulator import RandomFlight, Scenario, Target, Weather, find_config
 from av_simulator.sound.noise import Noise, Snr
-from av_simulator.trajectories import RandomFlight
 
 FOG = 0.8    # 1/m, so that nothing is seen
 

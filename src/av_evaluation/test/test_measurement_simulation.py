@@ -9,8 +9,7 @@ import pytest
 
 from av_common.angles import wrap
 from av_evaluation.experiments.measurement_simulation import HALF_VIEW, RESOLUTION, WINDOW_S, MeasurementSimulation
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
+from av_simulator import find_config, load_scenario
 
 
 def scenario(name):

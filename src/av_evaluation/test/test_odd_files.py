@@ -22,7 +22,7 @@ from av_bags.reader import Bag
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import load_rig
-from av_simulator.scenario import load_scenario
+from av_simulator import load_scenario
 from av_simulator.sound.source import load_profile
 from av_simulator.sound.source_signals import RecordedSignal
 from av_vision.nodes.camera_node import load_calibration

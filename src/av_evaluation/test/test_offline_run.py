@@ -19,8 +19,7 @@ from av_fusion.gated_tracker import GatedTracker
 from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController
 from av_pointing.settings import PointingSettings
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
+from av_simulator import find_config, load_scenario
 
 
 @pytest.fixture(scope='module')

@@ -7,7 +7,7 @@ import pytest
 
 from av_evaluation.cli import range as table
 from av_evaluation.hearing.reach import ARRAYS, DISTANCES_M, Place, Scene
-from av_simulator.config_files import find_config
+from av_simulator import find_config
 from av_simulator.sound.source import load_profile
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from av_bags.reader import Bag
 from av_bags.writer import BagWriter
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_simulator.config_files import find_config
+from av_simulator import find_config
 
 sys.path.append(str(Path(__file__).parents[2] / 'av_vision' / 'test'))
 AZIMUTH = math.radians(21.0)

@@ -13,7 +13,7 @@ from av_bags.reader import Bag
 from av_bags.writer import BagWriter
 from av_common.track import State
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_simulator.config_files import find_config
+from av_simulator import find_config
 
 pytestmark = pytest.mark.system
 

@@ -6,7 +6,7 @@ import pytest
 
 from av_audio.cli import calibrate
 from av_evaluation.cli import sight_truth
-from av_simulator.config_files import find_config
+from av_simulator import find_config
 
 STEP_S = 1.0
 ARRAY = str(find_config('arrays/two_microphones'))

@@ -12,9 +12,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.tracks import CUTOFF_DEG, TrackComparison
 from av_fusion.tracker import MultiTargetTracker
-from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario, Target, load_scenario
-from av_simulator.trajectories import Static
+from av_simulator import Scenario, Static, Target, find_config, load_scenario
 
 
 def at(azimuth_deg):

@@ -8,12 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import to_imu
+from av_simulator import Circle, Line, RigMotion, Static, open_world
 from av_simulator.motion.bodies import Gusts, Kinematics, Mast, Pursuit, Quadrotor, Vibration, turbulence
 from av_simulator.rig_dynamics import RigDynamics
-from av_simulator.run import open_world
-from av_simulator.scenario import RigMotion
 from av_simulator.sound import Wind
-from av_simulator.trajectories import Circle, Line, Static
 
 G = 9.80665
 STEP = 1 / 30

@@ -18,9 +18,7 @@ import yaml
 
 from av_common.config_reader import ConfigError, read
 from av_common.rig import load_rig
-from av_simulator.config_files import find_config
-from av_simulator.scenario import Scenario, load_scenario
-from av_simulator.world import World
+from av_simulator import Scenario, World, find_config, load_scenario
 
 SCENARIOS = sorted(find_config('circle', 'scenarios').parent.glob('*.yaml'))
 WRONG = [1e300, -1e300, math.inf, math.nan, 10**400, 'text', '', None, True, {}, [], [[]], {'kind': 'static'}, b'\0']

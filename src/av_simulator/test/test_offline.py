@@ -10,13 +10,9 @@ import pytest
 import soundfile
 
 from av_common.rig import load_rig
+from av_simulator import Circle, RigMotion, World, find_config, load_scenario, open_world, steps
 from av_simulator.cli import simulate, simulator
-from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
-from av_simulator.run import open_world, steps
-from av_simulator.scenario import RigMotion, load_scenario
-from av_simulator.trajectories import Circle
-from av_simulator.world import World
 
 
 def turning_world(description='rig', seed=None):

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from av_common.rig import load_rig
-from av_simulator.config_files import find_config
+from av_simulator import find_config, open_world
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.camera_effects import CameraEffects, motion_blurred
 from av_simulator.rendering.flat_renderer import FlatRenderer
 from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
 from av_simulator.rendering.scenes import SCENES, Solid, Woodland
 from av_simulator.rendering.view import LEAST, Drone, View, outline, score
-from av_simulator.run import open_world
 
 CAMERA = load_rig(find_config('rig')).camera
 EYE = np.array([0.0, 0.0, 1.5])

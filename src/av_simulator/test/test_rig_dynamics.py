@@ -5,11 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator import RigMotion, open_world
 from av_simulator.motion.axes import COMMAND_LIFETIME
 from av_simulator.motion.bodies import MOST_SPEED
 from av_simulator.rig_dynamics import RigDynamics
-from av_simulator.run import open_world
-from av_simulator.scenario import RigMotion
 
 MOTION = RigMotion(yaw_deg=15.0, max_yaw_rate_deg=60.0, max_yaw_acceleration_deg=120.0)
 

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from av_common.config_reader import ConfigError
+from av_simulator import find_config
 from av_simulator.cli.scenario_schema import schema
-from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario, load_scenario, value_at
 from av_simulator.trajectories import TRAJECTORIES, acceleration, velocity
 

@@ -10,11 +10,9 @@ from scipy.spatial.transform import Rotation
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.rig import GimbalMount, load_rig
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.config_files import find_config
+from av_simulator import World, find_config, open_world
 from av_simulator.motion.axes import COMMAND_LIFETIME, ENCODER_SIGMA, SimulatedGimbal
 from av_simulator.motion.bodies import Mast, Quadrotor
-from av_simulator.run import open_world
-from av_simulator.world import World
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 MOUNT = GimbalMount(pan_limits_deg=(-90.0, 90.0), tilt_limits_deg=(-30.0, 40.0), max_rate_deg=60.0, lag=0.2)

@@ -34,15 +34,10 @@ from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth
-from av_simulator.config_files import find_config
+from av_simulator import Line, Scenario, Simulator, Static, Target, Weather, WireOptions, World, find_config, open_world
 from av_simulator.rendering import render_process
 from av_simulator.rendering.scenes import Field, Woodland
-from av_simulator.run import open_world
-from av_simulator.scenario import Scenario, Target, Weather
-from av_simulator.simulator import Simulator, WireOptions
 from av_simulator.sound import FormulaSignal, Noise
-from av_simulator.trajectories import Line, Static
-from av_simulator.world import World
 
 pytestmark = pytest.mark.system
 

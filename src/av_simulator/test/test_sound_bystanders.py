@@ -9,11 +9,8 @@ import pytest
 
 from av_common.config_reader import ConfigError
 from av_common.rig import load_rig
-from av_simulator.config_files import find_config
-from av_simulator.scenario import Bystander, load_scenario
+from av_simulator import Bystander, Static, World, find_config, load_scenario
 from av_simulator.sound import EngineSignal, HelicopterSignal, SirenSignal, ToneSignal, VoiceSignal
-from av_simulator.trajectories import Static
-from av_simulator.world import World
 
 RATE = 16_000
 SIGNALS = [EngineSignal(), HelicopterSignal(), SirenSignal(), SirenSignal(steps=True), VoiceSignal()]

@@ -9,10 +9,7 @@ from udp_ports import free_ports
 
 from av_common.rig import load_rig
 from av_sim_bridge.wire.audio import AudioFormat
-from av_simulator.config_files import find_config
-from av_simulator.scenario import load_scenario
-from av_simulator.simulator import Simulator, WireOptions
-from av_simulator.world import World
+from av_simulator import Simulator, WireOptions, World, find_config, load_scenario
 
 pytestmark = pytest.mark.system
 
