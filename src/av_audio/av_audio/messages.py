@@ -51,7 +51,7 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
-    estimated angle, limited to -1..1, with the variance of its error. The two images of a planar array, one on each side
+    estimated angle, with the variance of its error. The two images of a planar array, one on each side
     of its plane, are no such cone: the axis is zero and the cosines are NaN.
 
     Parameters:
@@ -80,12 +80,11 @@ def doa_odds(estimate: DoaEstimate, header: Header) -> DoaOdds:
 def _images(source: DoaEstimate, judgement: tuple[float, float, float]) -> list[Doa]:
     """The hypotheses of one source."""
     probability, fundamental, variance = judgement
-    cosine = float(np.clip(source.cosine, -1.0, 1.0))  # NaN stays NaN
     directions = angles_to_direction(source.azimuth, source.elevation)
     return [Doa(
         direction=vector_message(direction), azimuth=float(source.azimuth[k]), elevation=float(source.elevation[k]),
         azimuth_variance=float(source.azimuth_variance[k]), elevation_variance=float(source.elevation_variance[k]),
-        cosine=cosine, cosine_variance=float(source.cosine_variance),
+        cosine=float(source.cosine), cosine_variance=float(source.cosine_variance),
         confidence=float(source.confidence[k]), ambiguity_group=int(source.group[k]),
         end_fire=bool(source.end_fire[k]), drone_probability=probability, fundamental=fundamental,
         fundamental_variance=variance) for k, direction in enumerate(directions)]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray

@@ -8,11 +8,8 @@ import soundfile
 from known_sound import RATE, flat
 from pulse import PulseCard
 
-from av_audio import device_source
+from av_audio import DeviceSource, Localizer, RingBuffer, device_source
 from av_audio.device_process import load_sounddevice
-from av_audio.device_source import DeviceSource
-from av_audio.localizer import Localizer
-from av_audio.ring_buffer import RingBuffer
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 

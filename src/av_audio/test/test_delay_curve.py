@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.calibration import DEGREE, Verdict, calibrate, judge
+from av_audio import calibrate
+from av_audio.calibration import DEGREE, Verdict, judge
 from av_audio.cli.guided_recording import record
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray

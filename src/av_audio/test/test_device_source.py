@@ -6,10 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from av_audio import device_source
+from av_audio import DeviceSource, RingBuffer, device_source
 from av_audio.device_process import HEADER
-from av_audio.device_source import DeviceSource
-from av_audio.ring_buffer import RingBuffer
 
 RATE, BLOCK = 48_000, 1600
 

@@ -10,10 +10,8 @@ import soundfile
 from known_sound import RATE, flat, scene
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.messages import audio_frame
-from av_audio.methods import DOA_METHODS, Direction
-from av_audio.stage import DoaStage, localizer_settings, make_doa_stage
+from av_audio import DOA_METHODS, Direction, DoaStage, Localizer, LocalizerSettings, audio_frame, make_doa_stage
+from av_audio.stage import localizer_settings
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from known_sound import RATE, flat, heard
 
-from av_audio.ego_noise import NoiseRecording
-from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio import Localizer, LocalizerSettings, NoiseRecording
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray

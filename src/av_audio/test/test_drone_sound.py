@@ -14,10 +14,10 @@ from scipy.signal import resample_poly
 from scipy.stats import mannwhitneyu
 from test_doa_stage import feed
 
-from av_audio.drone_classifier import DroneClassifier, SourceSpectra, load_model
+from av_audio import DoaStage, DroneClassifier, load_model
+from av_audio.drone_classifier import SourceSpectra
 from av_audio.drone_features import LINE_CELLS, LINES, DroneFeatures, Segment, bin_frequencies
 from av_audio.drone_model import FUNDAMENTALS, LAYERS, LOWEST_CELL, STEPS, DroneModel
-from av_audio.stage import DoaStage
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.shipped import shipped_file

@@ -6,11 +6,10 @@ from flying_rig import FlyingRig
 from known_sound import PAIR, RATE
 from std_msgs.msg import Header
 
-from av_audio.ego_noise import LEARNED_S, EgoLearning, NoiseRecording
-from av_audio.messages import audio_frame
-from av_audio.stage import DoaStage
+from av_audio import DoaStage, LocalizerSettings, NoiseRecording, audio_frame
 from av_common.angles import wrap
 
+LEARNED_S = 10.0  # of sound that is listened to
 SECONDS, OWN_DB = 2, 15.0  # of a block; of own noise over a target
 AZIMUTHS = tuple(np.radians([-80.0, -50.0, -20.0, 10.0, 40.0, 70.0]))
 
@@ -77,18 +76,20 @@ def test_a_target_that_was_there_costs_confidence(changed):
 
 
 def test_a_gap_begins_anew_and_unusable_sound_is_refused():
-    noise = np.random.default_rng(8).normal(size=(RATE, 2)).astype(np.float32)
-    known = EgoLearning(None)
-    assert not known.add(noise, RATE)
-    known.begin()
-    assert not any(known.add(noise, RATE) for _ in range(5))
-    known.interrupt()
-    assert not any(known.add(noise, RATE) for _ in range(9))
-    assert known.add(noise, RATE) and len(known.known.samples) == LEARNED_S * RATE
-    for unusable, words in ((noise * [1.0, 0.0], 'silent channel'), (noise * np.nan, 'not finite')):
-        known.begin()
-        assert not any(known.add(unusable, RATE) for _ in range(round(LEARNED_S)))
-        assert words in known.refusal and not known.is_learning and np.isfinite(known.known.samples).all()
+    stage, noise = DoaStage(PAIR, LocalizerSettings(hop_s=1.0)), np.random.default_rng(8).normal(size=(RATE, 2))
+    send(stage, noise)
+    assert not stage.ego_noise.known
+    stage.ego_noise.begin()
+    for _ in range(5):
+        send(stage, noise)
+    stage.sent += RATE
+    for _ in range(9):
+        send(stage, noise)
+        assert stage.ego_noise.is_learning
+    send(stage, noise)
+    assert len(stage.ego_noise.known.samples) == LEARNED_S * RATE
+    learn(stage, [noise * [1.0, 0.0]] * round(LEARNED_S))
+    assert 'silent channel' in stage.ego_noise.refusal and stage.ego_noise.known.samples.any(axis=0).all()
 
 
 def test_a_stream_of_another_rate_is_heard_and_not_whitened_by_what_was_learned():

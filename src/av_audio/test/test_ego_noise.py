@@ -11,10 +11,8 @@ from flying_rig import RING, FlyingRig
 from known_sound import PAIR as WIDE_PAIR
 from known_sound import RATE as FLYING_RATE
 
+from av_audio import Localizer, LocalizerSettings, NoiseRecording
 from av_audio.cli import localize
-from av_audio.ego_noise import NoiseRecording
-from av_audio.ego_peaks import odds_of
-from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
@@ -244,8 +242,3 @@ def test_a_rig_alone_hears_hardly_anything(array, rigs):
     assert np.sum(np.array(further) > 0.3) < 0.15 * len(strongest)
 
 
-@pytest.mark.parametrize('p', [1.0, 0.999, 0.7, 0.1, 1e-3, 1e-9, 0.0])
-def test_odds_of_a_peak_are_the_mean_over_sources(p):
-    """Of densities x p^(x - 1), by numbers; without a limit where p is 0."""
-    x = (np.arange(100_000) + 0.5) / 100_000
-    assert odds_of(p) == pytest.approx(np.mean(x * max(p, 1e-30) ** (x - 1.0)), rel=1e-2) if p else odds_of(p) > 1e9

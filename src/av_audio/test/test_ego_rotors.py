@@ -5,24 +5,13 @@ import pytest
 from flying_rig import FlyingRig
 from known_sound import PAIR, RATE, scene
 
-from av_audio.ego_noise import NoiseRecording, notch
-from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio import Localizer, LocalizerSettings, NoiseRecording
 from av_common.angles import wrap
-
-FREQUENCIES = np.arange(165.0, 4600.0, 2.0)
 
 
 def azimuth_error(estimate, azimuth):
     """Of the image that is closer to the true azimuth (rad), in degrees."""
     return np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth))))
-
-
-def test_a_notch_covers_the_harmonics_and_little_else():
-    free = notch(FREQUENCIES, [180.0])
-    for order in range(1, 25):
-        assert not free[np.argmin(np.abs(FREQUENCIES - order * 180.0))]
-        assert free[np.argmin(np.abs(FREQUENCIES - (order + 0.5) * 180.0))]
-    assert notch(FREQUENCIES, [0.0, 1e-9, 0.5]).all()  # the last two as filters and sensors state rest
 
 
 def test_a_target_is_located_under_ego_rotors_ten_decibels_louder():

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.file_source import FileSource, read_sound
-from av_audio.ring_buffer import RingBuffer
+from av_audio import FileSource, RingBuffer, read_sound
 
 
 @pytest.fixture

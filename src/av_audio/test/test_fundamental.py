@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from av_audio.drone_classifier import SourceSpectra
-from av_audio.drone_features import DroneFeatures
+from av_audio import DroneClassifier, load_model
 from av_common.microphone_array import MicrophoneArray
 
 RATE = 48_000
@@ -30,10 +29,11 @@ def rotors(shaft_hz, blades, imbalance_db, seed, seconds=1.2):
 
 def fundamental_of(sound, noise, seed):
     """What is found broadside of a pair, with noise of standard deviation `noise` that the microphones do not share."""
-    spectra = SourceSpectra(PAIR, RATE, 343.0)
-    spectra.add((sound[:, None] + noise * np.random.default_rng(seed).normal(size=(len(sound), 2))).astype(np.float32))
-    assert spectra.is_full
-    return DroneFeatures().fundamental(spectra.steered([np.zeros(1)])[0])
+    classifier = DroneClassifier(PAIR, RATE, 343.0, load_model(''))
+    classifier.add((sound[:, None] + noise * np.random.default_rng(seed).normal(size=(len(sound), 2))).astype(np.float32))
+    (judgement,) = classifier.judge([np.zeros(1)])
+    assert 0.0 <= judgement.probability <= 1.0
+    return judgement.fundamental
 
 
 @pytest.mark.parametrize(('shaft_hz', 'blades'), [(41.0, 2), (66.0, 2), (93.0, 2), (118.0, 2), (153.0, 2), (199.0, 3)])

@@ -1,12 +1,14 @@
 """Several sources in one window: the sound of rotors with exact delays."""
 
+from itertools import cycle
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from known_sound import RATE, add_noise, rotors
+from std_msgs.msg import Header
 
-from av_audio.drone_classifier import Judgement
-from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.messages import doa_array
+from av_audio import DoaStage, Localizer, LocalizerSettings, audio_frame
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
@@ -17,11 +19,11 @@ C = speed_of_sound(20.0)
 SECONDS = 0.5
 
 
-def sources(rng, azimuths, levels_db, array=PAIR):
+def sources(rng, azimuths, levels_db, array=PAIR, seconds=SECONDS):
     """Sound (n, m) of rotors (s,) at azimuths (rad) and levels (dB), 20 dB above noise in each microphone."""
     total = 0.0
     for azimuth, level in zip(azimuths, levels_db, strict=True):
-        wave = rotors(rng, SECONDS, -array.positions @ [np.cos(azimuth), np.sin(azimuth), 0.0] / C)
+        wave = rotors(rng, seconds, -array.positions @ [np.cos(azimuth), np.sin(azimuth), 0.0] / C)
         total += 10.0 ** (level / 20.0) * wave / wave.std()
     return add_noise(rng, total, 20.0)
 
@@ -94,8 +96,10 @@ def test_a_source_without_noise_is_one(azimuth):
 
 
 def test_the_message_has_a_group_for_each_source():
-    estimate = located(sources(np.random.default_rng(3), np.radians([-40.0, 20.0]), [0.0, -3.0]))
-    message = doa_array(estimate, PAIR, 10.0, 'microphones', SECONDS, 'ml', [Judgement(0.9), Judgement(0.2)])
+    odds = cycle(np.log([9.0, 0.25]))  # of a model that finds the first of two more likely a drone
+    stage = DoaStage(PAIR, LocalizerSettings(hop_s=SECONDS), drone_model=SimpleNamespace(log_odds=lambda *_: next(odds)))
+    sound = sources(np.random.default_rng(3), np.radians([-40.0, 20.0]), [0.0, -3.0], seconds=1.2)
+    *_, message = stage.on_audio(audio_frame(sound, 0, RATE, Header()), 0.0)
     assert [(doa.ambiguity_group, round(doa.drone_probability, 1)) for doa in message.hypotheses] == [
         (0, 0.9), (0, 0.9), (1, 0.2), (1, 0.2)]
     cosines = [doa.cosine for doa in message.hypotheses]

@@ -7,7 +7,7 @@ import pytest
 from flying_rig import RING, FlyingRig, coloured
 from known_sound import PAIR, RATE, SQUARE, add_noise, rotors
 
-from av_audio.health import ChannelHealth
+from av_audio import ChannelHealth
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray

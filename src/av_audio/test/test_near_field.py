@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.ego_noise import NoiseRecording
-from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.methods import DOA_METHODS, Direction
+from av_audio import DOA_METHODS, Direction, Localizer, LocalizerSettings, NoiseRecording
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray

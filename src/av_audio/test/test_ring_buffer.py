@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from av_audio.ring_buffer import RingBuffer
+from av_audio import RingBuffer
 
 
 def ramp(start, stop, channels=2):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from flying_rig import RING, coloured, propagated
 from known_sound import PAIR, RATE, rotors
+from std_msgs.msg import Header
 
-from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.wind import WindMeter
+from av_audio import DoaStage, Localizer, LocalizerSettings, audio_frame
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 
@@ -17,10 +17,11 @@ COUNT = SECONDS * RATE
 
 
 def level(sound, array=PAIR):
-    meter = WindMeter(array, RATE)
+    stage, first = DoaStage(array, LocalizerSettings(hop_s=float(SECONDS))), 0
     for block in np.array_split(sound.astype(np.float32), 50):
-        meter.add(block)
-    return meter.level_dbfs
+        stage.on_audio(audio_frame(block, first, RATE, Header()), 0.0)
+        first += len(block)
+    return stage.wind_dbfs
 
 
 def gusts(rng, channels):
@@ -72,5 +73,5 @@ def test_a_drone_is_heard_in_wind_and_wind_alone_is_nowhere():
 
 
 def test_nothing_is_said_at_once_and_of_silence():
-    assert WindMeter(PAIR, RATE).level_dbfs == -math.inf
+    assert DoaStage(PAIR).wind_dbfs == -math.inf
     assert level(np.zeros((COUNT, 2))) == -math.inf
