@@ -72,7 +72,6 @@ class _Window(NamedTuple):
         matrices (b, m, m): of the method.
         power (b, 1): of the bands.
         vectors (b, m, m), gains (b, m): that whiten, one after the other; see `EgoNoise`.
-        stretch (b, 1, 1): mean frequency of the power in a band over the band's centre.
         values (b, g): on the grid, by what those of the rig alone are like.
     """
 
@@ -80,7 +79,6 @@ class _Window(NamedTuple):
     power: NDArray
     vectors: NDArray
     gains: NDArray
-    stretch: NDArray
     values: NDArray
 
 
@@ -113,7 +111,6 @@ class BandSearch:
         centres = frequencies[:self._count * self._bins].reshape(self._count, -1).mean(axis=1, keepdims=True)
         # Bands overlap by half. Their taper, half a sine (Harris, 1978), keeps lines and bursts apart from their neighbours.
         within = np.arange(2 * self._bins) + 0.5
-        self._offsets = 1.0 + (within - self._bins) * spacing / centres
         self._taper = (math.sqrt(2.0) * np.sin(np.pi * within / len(within))).astype(np.float32)
         self._starts = np.arange(0, self._count, round(ALIKE_HZ / BAND_HZ))
         self._weights = weights[:self._count * self._bins].reshape(self._count, -1).mean(axis=1)[:, None]
@@ -231,8 +228,6 @@ class BandSearch:
             throttle, gains = self._noise.likeliest(covariance(bands))
         vectors = self._vectors[throttle]
         white = gains[..., None] * (vectors.conj().swapaxes(-1, -2) @ bands)
-        of_bins = np.sum(np.abs(white) ** 2, axis=1)
-        stretch = np.sum(self._offsets * of_bins, axis=1) / np.maximum(of_bins.sum(axis=1), TINY)
         if self._noise is None:
             covariances = covariance(white)
         else:
@@ -244,12 +239,12 @@ class BandSearch:
                 self._array.channels)
         power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
         matrices = self._method.matrices(covariances / power[:, None, None]).astype(np.complex64)
-        window = _Window(matrices, power[:, None], vectors, gains.astype(np.float32), stretch[:, None, None], np.zeros(0))
+        window = _Window(matrices, power[:, None], vectors, gains.astype(np.float32), np.zeros(0))
         return window._replace(values=self._usual.standard(self._values(window, self._steering[throttle])))
 
-    def _steered(self, points: NDArray, vectors: NDArray, stretch: NDArray | float = 1.0) -> NDArray:
+    def _steered(self, points: NDArray, vectors: NDArray) -> NDArray:
         """Steering vectors (b, m, g) of points (g, rank) by the components that `vectors` (b, m, m) are."""
-        angles = (stretch * self._phase @ points.T).astype(np.float32)
+        angles = (self._phase @ points.T).astype(np.float32)
         return (vectors.conj().swapaxes(-1, -2) @ (np.cos(angles) + 1j * np.sin(angles))).astype(np.complex64)
 
     def _values(self, window: _Window, steering: NDArray) -> NDArray:
@@ -265,7 +260,7 @@ class BandSearch:
             points (g, rank): where.
             near: number of that point, which is close to all of them.
         """
-        return self._usual.near(near).standard(self._values(window, self._steered(points, window.vectors, window.stretch)))
+        return self._usual.near(near).standard(self._values(window, self._steered(points, window.vectors)))
 
     def _peak(self, window: _Window, explained: NDArray, tops: NDArray) -> Peak:
         """The highest peak of what other sources do not explain.
