@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
-from av_audio.health import copies
+from av_audio.health import DEAD_DBFS, copies
 from av_audio.spectra import ALIKE_HZ, TINY
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
@@ -72,7 +72,7 @@ class NoiseRecording(NamedTuple):
                              f'expected {MIN_DURATION_S:g} s or more')
         if not np.isfinite(self.samples).all():
             raise ValueError(f'{self.name} has samples that are not finite')
-        if not self.samples.any(axis=0).all():
+        if (self.samples.std(axis=0, dtype=float) < 10.0 ** (0.05 * DEAD_DBFS)).any():  # whatever its offset
             raise ValueError(f'{self.name} has a silent channel')
         for piece in np.array_split(self.samples, int(len(self.samples) / (MIN_DURATION_S * sample_rate))):  # some are silent
             sound = piece.T.astype(float)

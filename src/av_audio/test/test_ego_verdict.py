@@ -78,6 +78,16 @@ def test_one_microphone_in_two_channels_is_no_recording_of_two(tmp_path, capsys)
         judged(tmp_path, capsys, np.repeat(one, 2, axis=1))
 
 
+@pytest.mark.parametrize('rest', [0.3, 0.3 + 2.0**-18 * np.random.default_rng(5).normal(size=(6 * RATE, 1))])
+@pytest.mark.parametrize('channels', [slice(None), slice(1)], ids=['all', 'one'])
+def test_a_recording_of_an_offset_alone_is_silent(tmp_path, capsys, rest, channels):
+    """As of a plug that is out: it was taken for a rig that is deaf."""
+    alone = flying(PAIR, 6.0)
+    alone[:, channels] = rest
+    with pytest.raises(SystemExit, match='has a silent channel'):
+        judged(tmp_path, capsys, alone)
+
+
 def test_a_recording_with_samples_that_are_not_finite_is_refused(tmp_path, capsys):
     """In the half that rates the other, too."""
     alone = flying(PAIR)
