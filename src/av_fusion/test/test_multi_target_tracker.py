@@ -6,7 +6,6 @@ import math
 
 import pytest
 from simulated_sensors import SimulatedSensors
-from test_tracker import errors_deg, run
 
 from av_common.parameters import node_parameters
 from av_common.track import State, Target, Track
@@ -34,16 +33,6 @@ def see(tracker, targets, seconds=2.0, start=100.0):
         tracker.add_camera(image(time, *targets))
         track = tracker.estimate(time)
     return track, tracker.targets(track)
-
-
-@pytest.mark.parametrize('azimuth_deg', [10, 100, 175, -80, -170])
-def test_one_target_is_resolved_by_the_requested_rotation(azimuth_deg):
-    """As with the tracker of one target: within 5 s, to the right side."""
-    times, tracks, truths = run(MultiTargetTracker(), SimulatedSensors(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0,
-                                6.0, obey=True)
-    resolved = [k for k, track in enumerate(tracks) if track.resolved]
-    assert resolved and times[resolved[0]] < 5.0
-    assert abs(errors_deg(tracks, truths, len(tracks) - 10)).max() < 8.0
 
 
 def test_the_most_central_target_is_followed_and_a_selected_one_instead():
@@ -157,16 +146,6 @@ def test_message_of_targets():
     for one in message.tracks:
         assert 0.0 <= one.existence <= 1.0 and one.drone_probability > 0.5 and one.class_id == 'drone'
         assert one.last_seen.sec + 1e-9 * one.last_seen.nanosec == pytest.approx(track.time) and one.last_heard.sec == 0
-
-
-def test_a_target_after_a_gap_is_another_one():
-    """Its id changes with each new track."""
-    tracker = MultiTargetTracker()
-    track, targets = see(tracker, [(0.1, 0.9)])
-    assert [target.id for target in targets.targets] == [1] == [targets.selected] and targets.targets[0].existence > 0.9
-    tracker.targets(tracker.estimate(track.time + 20.0))
-    _, targets = see(tracker, [(0.1, 0.9)], 1.0, 130.0)
-    assert targets.selected > 1
 
 
 def test_parameters_choose_the_tracker():
