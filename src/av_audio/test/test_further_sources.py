@@ -106,8 +106,3 @@ def test_the_message_has_a_group_for_each_source():
     assert cosines[0] == cosines[1] != cosines[2] == cosines[3]
     for doa in message.hypotheses:
         assert doa.cosine == pytest.approx(np.sin(doa.azimuth), abs=1e-6)
-
-
-def test_the_number_of_sources_is_checked():
-    with pytest.raises(ValueError, match='max_sources=5'):
-        LocalizerSettings(max_sources=5)

@@ -173,7 +173,7 @@ def test_level_is_that_of_the_band():
     ({'band_hz': (200.0, 30_000.0)}, 'half of the sample rate'), ({'band_hz': (4000.0, 200.0)}, 'band_low is 4000'),
     ({'band_hz': (300.0, 302.0), 'window_s': 10.0, 'method': 'phat'}, 'too narrow'),
     ({'band_hz': (300.0, 310.0), 'window_s': 10.0, 'method': 'mvdr'}, 'too narrow'),
-    ({'elevation_deg': (50.0, 10.0)}, 'elevation_min_deg is 50')])
+    ({'elevation_deg': (50.0, 10.0)}, 'elevation_min_deg is 50'), ({'max_sources': 5}, 'max_sources=5')])
 def test_bad_settings_say_what_is_wrong(settings, message):
     with pytest.raises(ValueError, match=message):
         Localizer(PAIR, RATE, LocalizerSettings(**settings))

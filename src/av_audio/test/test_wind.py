@@ -11,9 +11,11 @@ from std_msgs.msg import Header
 from av_audio import DoaStage, Localizer, LocalizerSettings, audio_frame
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
 
 SECONDS = 5
 COUNT = SECONDS * RATE
+FAR = MicrophoneArray([[0.0, 2.0, 0.0], [0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 
 
 def level(sound, array=PAIR):
@@ -35,7 +37,7 @@ def from_a_side(sound, azimuth):
     return propagated(sound, -PAIR.positions @ angles_to_direction(azimuth) / speed_of_sound(20.0))
 
 
-@pytest.mark.parametrize('array', [PAIR, RING], ids=['pair', 'ring'])
+@pytest.mark.parametrize('array', [PAIR, RING, FAR], ids=['pair', 'ring', 'one far away'])
 def test_gusts_are_wind_also_over_a_drone(array):
     rng = np.random.default_rng(1)
     drone = rotors(rng, SECONDS, np.zeros(array.channels))
