@@ -6,6 +6,7 @@ from scipy.signal import coherence, csd, welch
 from scipy.special import j0
 
 from av_simulator.sound import EgoRotors, Medium, Noise, RotorSignal, Snr, SoundWorld, Source, Wind
+from av_simulator.sound.stream import band_power
 
 RATE = 16000
 C = Medium().speed_of_sound
@@ -68,6 +69,15 @@ def test_wind_rumbles_and_grows_with_the_square_of_its_speed():
     frequency, power = welch(fast[:, 0], RATE, nperseg=8192)
     slope = np.polyfit(np.log(frequency[20:200]), np.log(power[20:200]), 1)[0]
     assert slope == pytest.approx(-7 / 3, abs=0.15)
+
+
+def test_the_power_in_a_band_is_that_of_the_tones_in_it():
+    """Half of their squared amplitudes, the mean of two channels."""
+    times = np.arange(RATE) / RATE
+    tones = {150.0: 5.0, 300.0: 2.0, 900.0: 3.0, 1100.0: 7.0}    # amplitudes by frequency
+    sound = sum(amplitude * np.sin(2.0 * np.pi * hz * times) for hz, amplitude in tones.items())
+    both = np.array([sound, np.zeros(RATE)])
+    assert band_power(both, RATE, (200.0, 1000.0)) == pytest.approx(0.5 * 0.5 * (2.0**2 + 3.0**2))
 
 
 def test_snr_scales_the_sum_of_all_noise():
