@@ -12,7 +12,7 @@ import pytest
 from av_common.angles import wrap
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import repeat
-from av_evaluation.experiments.offline_run import OfflineRun
+from av_evaluation.experiments.offline_run import OfflineRun, ego_noise_of
 from av_evaluation.metrics.results import metrics_of
 from av_evaluation.runs.evaluation import SENSES, evaluate_run
 from av_fusion.gated_tracker import GatedTracker
@@ -73,6 +73,18 @@ def test_a_flying_rig_localises_sound_through_its_ego_rotors():
         assert sound.median_deg < 0.5 and sight.coverage < 0.6
         squares.append(sound.rmse_deg ** 2)
     assert math.sqrt(sum(squares) / len(squares)) < 2.0
+
+
+def test_a_record_of_the_rig_alone_has_its_level_and_no_target():
+    """Noise that is stated as a ratio to the target stays where it is when the target is silenced."""
+    scenario, rig = load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig'))
+    target, noise = scenario.targets[0], scenario.noise
+    softer = replace(scenario, noise=replace(noise, snr=replace(noise.snr, ratio_db=noise.snr.ratio_db + 20.0)))
+    elsewhere = replace(scenario, targets=(replace(target, trajectory=replace(target.trajectory, start_deg=170.0)),))
+    alone, other, soft = (ego_noise_of(each, rig, 1).samples for each in (scenario, elsewhere, softer))
+    assert np.abs(alone - other).max() < 1e-4 * alone.std()
+    assert soft.std() == pytest.approx(0.1 * alone.std(), rel=1e-3)
+    assert -50.0 < 20.0 * math.log10(alone.std()) < -10.0    # dBFS, as a microphone amid rotors has it
 
 
 @pytest.mark.parametrize('stabilized', [True, False])

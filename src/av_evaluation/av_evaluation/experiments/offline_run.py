@@ -154,6 +154,10 @@ def ego_noise_of(scenario: Scenario, rig: Rig, seed: int) -> NoiseRecording:
         seed: of the run; the record uses another one.
     """
     silent = tuple(replace(target, gain_db=SILENT_DB) for target in scenario.targets)
-    world = World(replace(scenario, targets=silent, bystanders=()), rig, seed + 1000, SAMPLE_RATE)
+    noise = scenario.noise
+    if noise.snr is not None:    # is relative to the first target, and the noise remains
+        ratio = noise.snr.ratio_db - scenario.targets[0].gain_db + SILENT_DB
+        noise = replace(noise, snr=replace(noise.snr, ratio_db=ratio))
+    world = World(replace(scenario, targets=silent, bystanders=(), noise=noise), rig, seed + 1000, SAMPLE_RATE)
     steps = round(EGO_NOISE_S * SAMPLE_RATE / STEP)
     return NoiseRecording(np.concatenate([world.advance(STEP) for _ in range(steps)]), SAMPLE_RATE)
