@@ -209,7 +209,8 @@ def test_files_that_contradict_each_other(parameters, words, tmp_path):
 @pytest.mark.parametrize(('old', 'new', 'words'), [
     ('rpy_deg: [0.0, 0.0, 0.0]', 'rpy_deg: [0.0, 0.0, 90.0]', 'the camera looks'),
     ('rpy_deg: [0.0, 0.0, 0.0]', 'rpy_deg: [90.0, 0.0, 0.0]', 'above one another'),
-    ('position: [0.0, 0.0, 0.10]', 'position: [0.0, 0.0, 100.0]', 'from the middle of the body')])
+    ('position: [0.0, 0.0, 0.10]', 'position: [0.0, 0.0, 8.0]', 'from the middle of the body'),
+    ('position: [0.0, 0.0, 0.10]', 'position: [0.0, 0.0, 100.0]', 'expected metres')])
 def test_an_array_that_does_not_fit_the_rig(old, new, words, tmp_path):
     text = (CONFIG / 'rig.yaml').read_text().replace('arrays/', f'{CONFIG}/arrays/')
     assert old in text
