@@ -77,7 +77,7 @@ class RigMotion:
         """Forget all poses."""
         self._poses.clear()
         self.newest, self._last = -math.inf, Pose(-math.inf)
-        self._interval = 0.0  # s, before the newest pose
+        self._ahead = EXTRAPOLATE_S  # s, for which the rig counts as turning on by the rates of the newest pose
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
         self.is_frozen = False
         self._jumped, self._jump = -math.inf, ''
@@ -99,7 +99,8 @@ class RigMotion:
         rate, velocity, path, jump = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO, None
         counted = self.attitude(pose.time) if min(measured, pose.time) - self.newest > KNOWN_S else None  # without poses
         if self._poses.entries:
-            dt = self._interval = pose.time - self.newest
+            dt = pose.time - self.newest
+            self._ahead = max(EXTRAPOLATE_S, min(dt, KNOWN_S))
             velocity, mean = self._velocities(pose, velocity, dt)
             rate, jump = self._checked(pose, rate, dt)
             path = combined(1.0, self._poses.entries[-1][1].path, dt if dt <= KNOWN_S else 0.0, mean)
@@ -191,21 +192,16 @@ class RigMotion:
         ahead = time - self.newest
         if ahead < 0.0:
             return rotation(between(first.attitude, second.attitude, share))
-        turn = combined(min(ahead, self._extrapolated), second.rate, 0.0, ZERO)
+        turn = combined(min(ahead, self._ahead), second.rate, 0.0, ZERO)
         attitude = product(quaternion_of(turn), second.attitude)
         return heading(yaw_of(attitude)) if ahead > KNOWN_S else rotation(attitude)
-
-    @property
-    def _extrapolated(self) -> float:
-        """How long (s) after the newest pose the rig counts as turning on by its rates."""
-        return max(EXTRAPOLATE_S, min(self._interval, KNOWN_S))
 
     def turn_variance(self, time: float) -> float:
         """Mean square (rad^2) of what the rig has turned by `time` (s) since its attitude is no longer extrapolated.
 
         It turns on or has stopped, as far as the newest pose tells; after KNOWN_S the attitude is not known.
         """
-        beyond = min(time - self.newest, KNOWN_S) - self._extrapolated
+        beyond = min(time - self.newest, KNOWN_S) - self._ahead
         if not self._poses.entries or beyond <= 0.0:
             return 0.0
         _, newest = self._poses.entries[-1]

@@ -155,11 +155,6 @@ class WorldCone(NamedTuple):
     variance: float
     likelihood: NDArray[np.float64] | None = None
 
-    @property
-    def is_level(self) -> bool:
-        """Whether the axis has a horizontal part: a vertical one says nothing of the azimuth."""
-        return math.hypot(self.axis[0], self.axis[1]) >= LEAST_LEVEL
-
     def compare(self, past: PastState) -> Match:
         """Compare with a component, whose direction at the capture time is `past`."""
         means, variances, row = expected_cosine(past, self.axis)
@@ -175,7 +170,7 @@ class WorldCone(NamedTuple):
         Parameters:
             settings: of targets.
         """
-        if not self.is_level:
+        if math.hypot(self.axis[0], self.axis[1]) < LEAST_LEVEL:    # a vertical axis says nothing of the azimuth
             return []
         return normalised([image for usual in settings.model.elevations for image in self._images(usual, settings)])
 
@@ -322,8 +317,10 @@ def hear(time: float, measurement: DoaMeasurement, settings: FilterSettings, mot
         return Hearing(WorldDirections(directions), measurement.confidence, peak, clutter, mirror)
     heard = WorldCone(turned(attitude, cone.axis), cone.cosine, cone.variance + floor * cone.slope_squared,
                       np.array(measurement.odds) * (clutter / peak) if measurement.odds else None)
-    splits = heard.is_level and min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance
-    return Hearing(heard, measurement.confidence, peak, clutter, tangents(*angles(heard.axis))[0] if splits else None)
+    level, mirror = math.hypot(heard.axis[0], heard.axis[1]), None
+    if level >= LEAST_LEVEL and min(cone.angle, math.pi - cone.angle) ** 2 > 4.0 * variance:
+        mirror = (-heard.axis[1] / level, heard.axis[0] / level, 0.0)
+    return Hearing(heard, measurement.confidence, peak, clutter, mirror)
 
 
 def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:
